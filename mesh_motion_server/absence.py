@@ -1,7 +1,7 @@
-"""Whether a file is missing, which decides what is removed or written: an error of the disk is no missing file.
+"""Whether a file is missing, which decides what is removed or written: an error of the disk must not count as missing.
 
-``Path.exists()`` and its kin take a dangling link for a missing file, and from Python 3.14 on every error, such as EIO
-and ESTALE.
+``Path.exists()`` and similar calls return False for a dangling link, and from Python 3.14 on for every error, such as
+EIO and ESTALE.
 """
 
 from pathlib import Path
@@ -10,7 +10,7 @@ __all__ = ["is_missing"]
 
 
 def is_missing(path: Path) -> bool:
-    """Whether nothing has this name, not even a dangling link.
+    """Whether no entry has this name, not even a dangling link.
 
     Raises
     ------

@@ -21,7 +21,7 @@ def extra_of(module: str) -> str | None:
     Parameters
     ----------
     module : str
-        As imported, ``package.module``.
+        Name of the module as it is imported, ``package.module``.
     """
     wanted = module.partition(".")[0].lower().replace("_", "-")
     for line in _requirements():

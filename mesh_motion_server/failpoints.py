@@ -1,9 +1,9 @@
 """Named points where a test makes the server fail: by a kill, an error or a delay.
 
-``failpoint("journal.commit.slot-synced")`` stands where a crash, an error or a delay would hurt most; without
-:data:`VARIABLE` in the environment of the process it does nothing. The variable names a folder of the operator's own
-(0700) with a plan of what happens where; nothing that comes over a socket reaches it. What happens at a point is not
-part of the package: ``tests/faults/failpoint_plan.py`` of a checkout does it.
+``failpoint("journal.commit.slot-synced")`` is called where a crash, an error or a delay would do most harm; without
+:data:`VARIABLE` in the environment of the process it does nothing. The variable names a folder of the operator (0700)
+with a plan: the points, and the action at each. No data from a socket can change it. The actions are not part of the
+package: they are in ``tests/faults/failpoint_plan.py`` of a checkout.
 """
 
 import os
@@ -15,16 +15,16 @@ from mesh_motion_protocol.errors import InvalidInput
 
 __all__ = ["VARIABLE", "activate", "deactivate", "failpoint"]
 
-#: Environment variable with the folder of plan and counts.
+#: Environment variable with the folder of the plan and of the counts.
 VARIABLE = "MESH_MOTION_FAILPOINTS"
 _PLAN = "tests.faults.failpoint_plan"
 
-#: What is called at each point, if anything.
+#: Function that is called at each point; None: no call.
 _PASSED: list[Callable[[str], None]] = []
 
 
 def failpoint(name: str) -> None:
-    """A point that a plan may name; nothing happens unless :func:`activate` was called."""
+    """A point that a plan may name; does nothing unless :func:`activate` was called."""
     if _PASSED:
         _PASSED[0](name)
 

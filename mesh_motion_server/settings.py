@@ -31,13 +31,14 @@ _Level = Literal["full", "replay", "relaxed"]
 #: Durability levels that a server offers unless its settings name others, the default first.
 DURABILITY_LEVELS: tuple[_Level, ...] = ("full", "replay", "relaxed")
 
-#: What the motion of a boundary must be so that its field, and regions of bad cells, are all that the volume needs.
+#: Required values of the method so that a motion's field, and regions of bad cells, are enough to move the volume.
 _WITHOUT_VOLUME: dict[str, tuple[str, ...]] = {
     "displacement": ("absolute",),
     "correction": ("none", "smooth", "optimised"),
     "reduction": ("none",),
 }
-#: And by correction: sub-steps take the volume, except the smooth one's; the best possible mesh frees all nodes.
+#: The same by correction: sub-steps need the volume, except those of the smooth correction; the best possible mesh
+#: frees all nodes.
 _NEVER: dict[str, tuple[str, ...]] = {"sub_steps": ("never",)}
 _OF_CORRECTION: dict[str, dict[str, tuple[str, ...]]] = {
     "none": _NEVER,
@@ -48,7 +49,7 @@ _Length = Annotated[float, Field(gt=0)]
 
 
 class _Strict(BaseModel):
-    """Nothing is converted, nothing unknown is ignored, nothing is changed afterwards."""
+    """Base of the settings: no value is converted, no unknown key is ignored, and nothing can be changed later."""
 
     model_config = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False, frozen=True, validate_default=True)
 
@@ -90,7 +91,7 @@ class MethodSettings(_KEYS):  # type: ignore[misc]  # its fields are those of a 
 
     @model_validator(mode="after")
     def _fit_together(self) -> Self:
-        self.__dict__.update(self.to_method().as_dict())  # what is left out is chosen once, and stored so
+        self.__dict__.update(self.to_method().as_dict())  # missing keys are chosen once, and stored with their values
         return self
 
     def to_method(self) -> Method:
@@ -102,18 +103,18 @@ class ServerSettings(_Strict):
     """How the server runs: where it listens, where it keeps sessions, and every limit.
 
     ``metrics`` is HOST:PORT of the pages for Prometheus and probes, ``monitor`` of the page for people. A loop that is
-    silent for ``stuck_seconds`` counts as stuck. New sessions are refused where less than ``reserve_disk_bytes`` or
-    ``reserve_memory_bytes`` would be left to the running ones. ``history_bytes`` is the largest size of each
-    session's history, in addition to its journal; 0: none is kept.
+    silent for ``stuck_seconds`` counts as stuck. A new session is refused if it would leave less than
+    ``reserve_disk_bytes`` or ``reserve_memory_bytes`` to the running ones. ``history_bytes`` is the largest size of
+    each session's history, in addition to its journal; 0: none is kept.
 
     ``data_ports`` is the range, as ``"7441-7504"``, from which each session's data endpoint takes a free port: what a
     firewall opens and a container maps; without it the system chooses. ``advertised_host`` is sent to clients as the
     host of data endpoints in place of the one listened on; ``"0.0.0.0"`` stands for the host by which a client has
     reached the control endpoint. Both are for tcp.
 
-    ``durability`` lists the levels that OPEN may ask for, the default first; sessions stored at others are resumed all
-    the same. With level "replay" a state is stored every ``snapshot_steps`` commits and every minute: so many moves at
-    most are computed again when a session is resumed after a crash.
+    ``durability`` lists the levels that OPEN may ask for, the default first; sessions stored at other levels can still
+    be resumed. With level "replay" a state is stored every ``snapshot_steps`` commits and every minute: when a session
+    is resumed after a crash, at most this number of moves is recomputed.
     """
 
     endpoint: str = "tcp://127.0.0.1:7440"  # where it listens: tcp://HOST:PORT or ipc:///PATH
@@ -155,7 +156,7 @@ class ServerSettings(_Strict):
         return value
 
     def limits(self) -> dict[str, int]:
-        """What WELCOME announces: names and units as in SPEC.md."""
+        """The limits that WELCOME announces: names and units as in SPEC.md."""
         names = (
             "max_sessions",
             "max_partitions",
@@ -194,12 +195,12 @@ def check_durability(level: str, offered: Sequence[str] = DURABILITY_LEVELS) -> 
 
 
 def check_evaluation(evaluation: str, settings: MethodSettings, time_levels: str = "") -> None:
-    """Check that the client can evaluate the motion, if it wants to.
+    """Check that the client can evaluate the motion, if it requests this.
 
     Raises
     ------
     InvalidInput
-        INVALID_ARGUMENT.SETTINGS, naming the first setting that takes the volume; INVALID_ARGUMENT.VALUE if time levels
+        INVALID_ARGUMENT.SETTINGS, naming the first setting that needs the volume; INVALID_ARGUMENT.VALUE if time levels
         of its nodes are to be stored.
     """
     if evaluation != "client":

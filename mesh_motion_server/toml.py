@@ -1,4 +1,4 @@
-"""Reads TOML of which nothing is known: what is very long, or takes very deep calls, is an error like any other."""
+"""Reads TOML from unknown sources: very long text, and text that needs very deep calls, gives an ordinary error."""
 
 import re
 import tomllib
@@ -6,18 +6,18 @@ from typing import Any
 
 __all__ = ["read_toml"]
 
-#: A dotted key with more parts than this is refused: the time to read one grows with the square of its parts.
+#: A dotted key with more parts than this is refused: the time to read it grows with the square of its parts.
 _MOST_PARTS = 100
-#: Possessive, and only where a part begins, so that the search itself takes a time that grows with the text alone.
+#: Possessive, and matched only at the start of a part, so that the time of the search grows linearly with the text.
 _PART = r"""(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+"""
 _LONG_KEY = re.compile(rf"(?<![\w-])(?:{_PART}\.[ \t]*+){{{_MOST_PARTS}}}")
-#: Where a text that takes too deep calls goes deep: so many brackets that none closes.
+#: Finds the place where a text is nested too deep: this many brackets without a closing one.
 _DEEP = re.compile(rf"(?:[\[{{][^\[\]{{}}]*+){{{_MOST_PARTS}}}")
 _LONG_INTEGER = "an integer of more than 64 bits"
 
 
 def read_toml(text: str) -> dict[str, Any]:
-    """The tables of a text.
+    """Return the tables of a text.
 
     Raises
     ------
@@ -32,7 +32,7 @@ def read_toml(text: str) -> dict[str, Any]:
         raise tomllib.TOMLDecodeError(f"values nested too deep to be read{_place(_DEEP.search(text))}") from error
     except tomllib.TOMLDecodeError:
         raise
-    except ValueError as error:  # Python reads no decimal number of so many digits
+    except ValueError as error:  # Python does not read decimal numbers with this many digits
         raise tomllib.TOMLDecodeError(_LONG_INTEGER) from error
     if _has_long_integer(found):
         raise tomllib.TOMLDecodeError(_LONG_INTEGER)
@@ -45,7 +45,7 @@ def _place(found: re.Match[str] | None) -> str:
 
 
 def _has_long_integer(value: Any) -> bool:
-    """Whether an integer is not one of TOML: such a one fits into no number, and some into no message."""
+    """Whether an integer exceeds TOML's range: such integers fit into no number, and some into no message."""
     left = [value]
     while left:
         value = left.pop()

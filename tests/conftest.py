@@ -1,4 +1,4 @@
-"""What all tests share."""
+"""Fixtures and options that all tests share."""
 
 import fcntl
 import gc
@@ -19,24 +19,26 @@ from tests.faults.failpoint_plan import PLAN
 
 ROOT = Path(__file__).resolve().parents[1]
 
-#: Examples that hypothesis draws for a test: `make test` takes the first, `make test-all` the second.
+#: Number of examples that hypothesis draws for a test: `make test` uses the first, `make test-all` the second.
 settings.register_profile("few", max_examples=25, deadline=None)
 settings.register_profile("many", max_examples=100, deadline=None)
 settings.load_profile("few")
 
-# A shell that starts the tests in the background has them ignore Ctrl-C, and so would every process that they start.
+# A shell that starts the tests in the background lets them ignore Ctrl-C, and so would every process that they start.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-#: Fixtures that compile. On a busy machine this takes many minutes, and the first test that wants one waits for it.
+#: Fixtures that compile. On a busy machine this takes many minutes, and the first test that needs one waits for it.
 _COMPILE = {"foam_environment", "flap", "tools", "zmq_flags", "c_kernels", "sdist", "wheel"}
 
 
-@pytest.hookimpl(tryfirst=True)  # before -m chooses among them
+@pytest.hookimpl(tryfirst=True)  # before -m selects tests
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Rows of `make prove` run where they are asked for. Without slow tests there are no nightly ones either; what
-    compiles has one limit, that of its test.
+    """Run rows of `make prove` only on request.
+
+    Without slow tests there are no nightly ones either. A test whose fixture compiles gets one time limit, which
+    includes the compilation.
     """
     if "faults" not in config.option.markexpr:
         config.hook.pytest_deselected(items=[item for item in items if item.get_closest_marker("faults")])
@@ -50,21 +52,21 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 @pytest.fixture(autouse=True)
 def broken_pipes_are_errors() -> Iterator[None]:
-    """Gmsh lets the process end at a broken pipe from its start on; the next test expects Python's way, an error."""
+    """Make broken pipes errors again, as in Python: Gmsh sets the process to end at a broken pipe."""
     yield
     signal.signal(signal.SIGPIPE, signal.SIG_IGN)
 
 
 @pytest.fixture(scope="module", autouse=True)
 def nothing_left_open() -> Iterator[None]:
-    """A socket or file that a module's tests leave open fails that module, not the one in which it is collected."""
+    """Collect garbage, so that a module that leaves a socket or file open fails, and not a later module."""
     yield
     gc.collect()
 
 
 @pytest.fixture(autouse=True)
 def logs_of_their_own() -> Iterator[None]:
-    """A test that set logging up leaves a level, and handlers that write to its captured and closed standard error."""
+    """Undo a test's logging setup: its level, and handlers that write to its captured and closed standard error."""
     root = logging.getLogger()
     before, level = list(root.handlers), root.level
     yield
@@ -78,7 +80,7 @@ _CODE_OF_LIBRARIES = tuple(repeatable_libraries())
 
 @pytest.fixture(autouse=True)
 def libraries_of_their_own() -> Iterator[None]:
-    """`serve` in this process chooses the code of its children's libraries; children of the next test choose again."""
+    """Undo the choice of library code that `serve` makes in this process for its children."""
     before = {name: os.environ[name] for name in _CODE_OF_LIBRARIES if name in os.environ}
     yield
     for name in set(_CODE_OF_LIBRARIES) - set(before):
@@ -88,7 +90,7 @@ def libraries_of_their_own() -> Iterator[None]:
 
 @pytest.fixture(scope="session")
 def c_kernels(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Where the kernels are installed as a C library; compiled once for all processes that run tests."""
+    """The folder of the kernels installed as a C library; compiled once for all processes that run tests."""
     for tool in ("cmake", "g++"):
         if shutil.which(tool) is None:
             pytest.skip(f"{tool} is not installed")
@@ -113,7 +115,7 @@ def c_kernels(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def plan_fault(tmp_path: Path) -> Iterator[Callable[[str], None]]:
-    """Lets a fault happen in this process, as a plan of failpoints names it: ``store.list=raise:EIO@1``."""
+    """Make a fault happen in this process, in the words of a plan of failpoints: ``store.list=raise:EIO@1``."""
     folder = tmp_path / "failpoints"
     folder.mkdir(mode=0o700)
     failpoints.activate({failpoints.VARIABLE: str(folder)})

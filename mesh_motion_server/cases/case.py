@@ -1,4 +1,4 @@
-"""The case file: TOML in, a checked :class:`Case` out, or one line that names the file, the key and what was expected.
+"""The case file: TOML becomes a checked :class:`Case`, or an error with the file, the key and the expected value.
 
 All lengths are in the mesh's unit, angles in degrees. Every boundary patch of the mesh needs a role.
 """
@@ -72,7 +72,7 @@ class RigidMotion(_Section):
 class Oscillation(_Section):
     """``oscillation``: along ``direction``, or about ``centre`` (and ``axis``, in 3D).
 
-    After step s the amplitude is multiplied by sin(2π frequency s + phase) − sin(phase): a case begins at rest.
+    After step s the amplitude is multiplied by sin(2π frequency s + phase) − sin(phase): so a case begins at rest.
     """
 
     amplitude: float
@@ -104,9 +104,10 @@ class Oscillation(_Section):
 
 
 class Bending(_Section):
-    """``bending``: a body from ``clamp`` to ``tip`` bends about ``axis`` (in 3D); the end at ``clamp`` rests.
+    """``bending``: a body from ``clamp`` to ``tip`` bends about ``axis`` (in 3D); its end at ``clamp`` does not move.
 
-    The other end turns by ``rotation``; with ``both_ends`` it rests too, and ``rotation`` is the largest slope between.
+    The other end turns by ``rotation``. With ``both_ends`` it does not move either, and ``rotation`` is the largest
+    slope between the ends.
     """
 
     rotation: float
@@ -171,7 +172,7 @@ class Case:
 
     @property
     def name(self) -> str:
-        """See :func:`case_name`."""
+        """The name of the case, see :func:`case_name`."""
         return case_name(self.path)
 
     @property
@@ -324,7 +325,7 @@ def _place(location: list[Any]) -> str:
 
 
 def _known_keys(location: list[Any]) -> list[str]:
-    """The known keys of the table at this location."""
+    """The known keys of the table at this place."""
     model: type[BaseModel] = CaseFile
     for part in location:
         if isinstance(part, str):
@@ -341,7 +342,7 @@ def toml_key(name: str) -> str:
 
 
 def toml_text(text: str) -> str:
-    """A TOML string; what is no printable character is escaped: TOML refuses some, and terminals obey others.
+    """A TOML string; other than printable characters are escaped: TOML refuses some, and terminals obey others.
 
     Raises
     ------

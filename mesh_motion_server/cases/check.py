@@ -1,7 +1,6 @@
 """Check a case or a mesh before it is played: the motion is only predicted, nothing is stored.
 
-Errors are the same as when a session is opened. What is unusual but allowed becomes a
-warning.
+Errors are the same as when a session is opened. Unusual but allowed input gives a warning.
 """
 
 import time
@@ -33,7 +32,7 @@ from mesh_motion_server.files.reader import is_mesh
 __all__ = ["CheckReport", "check"]
 
 
-#: As a share of the mesh's extent: a shorter motion is probably in another unit.
+#: Share of the mesh's extent: a shorter motion is probably in another unit.
 _NEAREST = 1e-5
 _KINDS = ("moving", "fixed", "sliding", "periodic")
 
@@ -79,7 +78,7 @@ def check(path: Path, zone: str = "", *, seconds: float = 0.0) -> CheckReport:
     Parameters
     ----------
     seconds : float
-        Predict the case's motion, step by step, for about this time.
+        About how long to predict the case's motion, step by step.
 
     Raises
     ------
@@ -126,7 +125,7 @@ def _predicted(report: CheckReport, prediction: Prediction, seconds: float) -> C
 
 
 def _odd_motion(mesh: MeshFile, case: Case, program: MotionProgram) -> list[str]:
-    """Warnings of a motion that is probably a mistake: in another unit than the mesh, or out of its domain."""
+    """Warnings for a motion that is probably a mistake: in another unit than the mesh, or out of its domain."""
     displacements = [program.displacement(step) for step in range(1, program.count + 1)]
     if doubt := other_unit(mesh.points, np.concatenate(displacements), _NEAREST):
         return [doubt]

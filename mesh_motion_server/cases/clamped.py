@@ -1,4 +1,4 @@
-"""Which moving bodies are clamped at fixed patches, and a bending of each that keeps the clamped nodes at rest."""
+"""The moving bodies that are clamped at fixed patches, and a bending of each that keeps the clamped nodes at rest."""
 
 import math
 from collections.abc import Sequence
@@ -13,7 +13,7 @@ __all__ = ["bodies", "clamped_bending"]
 
 
 def bodies(mesh: MeshFile, moving: Sequence[str]) -> list[list[str]]:
-    """The moving patches, those together that share nodes."""
+    """The moving patches, grouped by shared nodes."""
     found: list[list[str]] = []
     for name in moving:
         joined = [body for body in found if any(len(_shared(mesh, name, other)) for other in body)]
@@ -26,8 +26,8 @@ def clamped_bending(
 ) -> Bending | None:
     """A bending that moves the body's farthest nodes by about ``share`` of its length; None if it is not clamped.
 
-    It is about the ``normal`` (3,) of a plane, if one is given; else towards the body's thinnest side. A body that
-    reaches less than half its extent past its clamped nodes is taken as clamped at both ends.
+    The bending is about the ``normal`` (3,) of a plane, if one is given; else towards the body's thinnest side. A body
+    that reaches less than half its extent past its clamped nodes is taken as clamped at both ends.
     """
     nodes = np.unique(np.concatenate([mesh.patches[name] for name in body]))
     shared = [_shared(mesh, name, other) for name in body for other in fixed]
@@ -59,7 +59,7 @@ def _shared(mesh: MeshFile, one: str, other: str) -> Integers:
 
 
 def _ends(held: Floats, places: Floats, *, both: bool) -> tuple[float, float]:
-    """Where along the body it is free: behind the clamped nodes, or between those of both ends."""
+    """The free part of the body: beyond the clamped nodes, or between the clamped nodes of both ends."""
     if not both:
         return float(held.max()), float(places.max())
     middle = (held.min() + held.max()) / 2
@@ -69,7 +69,7 @@ def _ends(held: Floats, places: Floats, *, both: bool) -> tuple[float, float]:
 
 
 def _axis(points: Floats, along: Floats) -> Floats:
-    """The axis across the body about which it bends to its thinnest side."""
+    """The axis across the body about which the body bends to its thinnest side."""
     aside = points - np.outer(points @ along, along)
     across = np.linalg.svd(aside - aside.mean(axis=0), full_matrices=False)[2][0]  # the widest direction
     across = across - (across @ along) * along

@@ -1,4 +1,4 @@
-"""Compare a recorded session with its replay: one column each, and whether the states are bitwise equal."""
+"""Compares a recorded session with its replay: one column for each, and whether the states are bitwise equal."""
 
 import json
 import math
@@ -31,7 +31,7 @@ class Replayed:
     columns : dict of str to (s,) arrays
         The computed steps, from step 1 on, as in :class:`Series`; quality is size-skew.
     digests : dict of int to bytes
-        Of their states.
+        Digests of the states.
     refusal : str
         Why it ended before the last step; empty if it reached the last step.
     stored : (n, d) array or None
@@ -128,13 +128,13 @@ class Comparison:
 
     @cached_property
     def recorded_steps(self) -> Columns:
-        """The recorded steps that are compared, where events are there."""
+        """The recorded steps that are compared, if their events exist."""
         columns = self.recorded.columns
         return {name: column[columns["step"] <= self.last] for name, column in columns.items()}
 
     @property
     def replayed_steps(self) -> Columns:
-        """The replay's steps that are recorded; all steps if none is."""
+        """The replay's steps that are recorded; all steps if none is recorded."""
         columns, known = self.run.columns, self.recorded_steps["step"]
         kept = np.isin(columns["step"], known) if len(known) else np.ones(len(columns["step"]), dtype=bool)
         return {name: column[kept] for name, column in columns.items()}
@@ -146,7 +146,7 @@ class Comparison:
 
     @property
     def unpromised(self) -> str:
-        """Why a replay without changes may differ in bits; empty if equal bits are promised."""
+        """The reason why a replay without changes may differ in bits; empty if equal bits are promised."""
         if self.elsewhere:
             return "equal bits are not promised: another server made the replay"
         if not self.makers or "" in self.makers:
@@ -214,7 +214,7 @@ class Comparison:
 
 
 def _farthest(recorded: Floats | None, replayed: Floats | None) -> float | None:
-    """The largest difference of a node's rows (n, d); None where one side has none."""
+    """The largest difference of a node's rows (n, d); None if one side has no rows."""
     if recorded is None or replayed is None:
         return None
     return float(np.sqrt(((recorded - replayed) ** 2).sum(axis=1)).max())
@@ -233,7 +233,7 @@ def _minimum(columns: Columns, step: int) -> float:
 
 
 def _summary(columns: Columns) -> dict[str, Any]:
-    """A run in one column; qualities are size-skew of the committed coordinates, NaN where they are not known."""
+    """A run in one column; qualities are size-skew of the committed coordinates, NaN if not known."""
     minima, means = columns["actual_min"], columns["actual_mean"]
     worst = int(np.nanargmin(minima)) if np.isfinite(minima).any() else -1
     return {

@@ -1,7 +1,7 @@
 """The demonstration: the thesis' three two-dimensional cases and a flag in a channel, standard against corrected.
 
 *Standard* is plain interpolation with radial basis functions; *corrected* is the default, optimised correction. Both
-run on a real server over the real wire, as the requests of any coupling code do.
+run on a real server through its protocol, like the requests of any coupling code.
 """
 
 import shutil
@@ -20,14 +20,14 @@ from mesh_motion_server.watch.terminal.console import Table
 __all__ = ["CASES", "Outcome", "play_demo", "table_of"]
 
 _DATA = Path(__file__).with_name("demo_data")
-#: Title of each case of the demonstration; its folder has the files of the example of that name.
+#: Title of each case of the demonstration; the case's folder has the files of the example with the same name.
 CASES = {
     "thesis_dx": "block moved 0.3 to the left",
     "thesis_dxdy": "block moved 0.25 left and down",
     "thesis_rotation": "slab moved 0.2 left and down, turned by 60°",
     "turek_hron_flag": "Turek-Hron flag, tip ± 80 mm, two periods",
 }
-#: What the standard method has instead; what it makes of a mesh is kept, to be looked at.
+#: Settings of the standard method; its mesh is kept even if it is bad, so that users can look at it.
 _STANDARD = {
     'correction = "optimised"': 'correction = "none"\nallow_invalid = true',
     'correction = "smooth"': 'correction = "none"\nallow_invalid = true',
@@ -36,7 +36,7 @@ _STANDARD = {
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """One case played both ways."""
+    """The results of one case, played with both methods."""
 
     title: str
     standard: Played

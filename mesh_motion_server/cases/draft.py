@@ -2,8 +2,8 @@
 
 Roles are guesses. The name of a patch can show that it is a symmetry plane or a far boundary. Otherwise a patch inside
 the mesh, which does not reach the sides of the box around all nodes, is a moving body, and all other patches are fixed;
-if there is none, the patch that reaches farthest inside moves. One layer of cells is taken as its plane. A body that is
-joined to a fixed patch bends; others are shifted.
+if there is none, the patch that reaches farthest inside moves. One layer of cells is treated as a 2D mesh. A body that
+is joined to a fixed patch bends; others are shifted.
 """
 
 import os
@@ -26,10 +26,10 @@ __all__ = ["draft", "guessed_roles"]
 
 _SYMMETRY = ("sym",)
 _FAR = ("far", "inlet", "outlet", "inflow", "outflow", "outer")
-#: As a share of the extent: a patch that is this close to a side of the box reaches it.
+#: Share of the extent: a patch this close to a side of the box reaches the side.
 _TOUCH = 1e-3
 _SIDE = "a side of one layer of cells"
-#: The first motion, as a share of the extent of the moving patches.
+#: Size of the first motion, as a share of the extent of the moving patches.
 _SHARE = 0.05
 
 
@@ -45,7 +45,7 @@ def guessed_roles(mesh: MeshFile) -> dict[str, tuple[str, str]]:
 
 
 def _roles(mesh: MeshFile, sides: tuple[str, ...], layer: OneLayer | None) -> dict[str, tuple[str, str]]:
-    """As :func:`guessed_roles`, from what :func:`_layer` finds."""
+    """Guess roles as :func:`guessed_roles`, from the result of :func:`_layer`."""
     if not mesh.patches:
         raise InvalidInput(
             f"{mesh.path}: the mesh has no boundary patches, and a case needs one that moves",
@@ -65,7 +65,7 @@ def _roles(mesh: MeshFile, sides: tuple[str, ...], layer: OneLayer | None) -> di
 
 
 def _layer(mesh: MeshFile) -> tuple[tuple[str, ...], OneLayer | None]:
-    """The patch, or the two patches, of the two sides of one layer of cells, and the layer."""
+    """The layer of cells, and the one or two patches on its two sides."""
     large = [name for name, nodes in mesh.patches.items() if mesh.dimension == 3 and 2 * len(nodes) >= len(mesh.points)]
     for sides in [*combinations(large, 1), *combinations(large, 2)]:
         if len(np.unique(np.concatenate([mesh.patches[name] for name in sides]))) == len(mesh.points):
@@ -90,7 +90,7 @@ def _guess(name: str, points: Floats, everywhere: Floats) -> tuple[str, str]:
 
 
 def _inside(points: Floats, low: Floats, high: Floats) -> Marks:
-    """(k,) which points do not reach the sides of the box."""
+    """(k,) whether each point is away from the sides of the box."""
     near = _TOUCH * (high - low).max()
     return np.asarray(((points > low + near) & (points < high - near)).all(axis=1))
 
@@ -150,7 +150,7 @@ count = 10
 
 
 def _bending(motion: Bending) -> str:
-    """The key ``bending``, with all digits: the clamped nodes have to rest."""
+    """The key ``bending``, with all digits, because the clamped nodes must not move."""
     given = motion.model_dump(exclude_defaults=True)
     text = ", ".join(f"{key} = {'true' if value is True else value}" for key, value in given.items())
     return f"bending = {{ {text} }}"

@@ -1,4 +1,4 @@
-"""Opens the sessions that a case and a recorded session are driven through."""
+"""Opens the sessions for a case and for the replay of a recorded session."""
 
 import warnings
 from collections.abc import Iterator, Mapping
@@ -26,7 +26,7 @@ def open_session(
 def passing_session(
     mesh: Mesh, settings: Mapping[str, Any], endpoint: str | None, keys: Keys | None, **options: Any
 ) -> Iterator[Session]:
-    """A session that is discarded when the block ends, with these ``options`` of :meth:`.Server.open`.
+    """Yield a session with these ``options`` of :meth:`.Server.open`; it is discarded when the block ends.
 
     Parameters
     ----------
@@ -36,10 +36,10 @@ def passing_session(
         Keys for a server that requires them.
     """
     with warnings.catch_warnings(), connect(endpoint, keys=keys) as server:
-        warnings.simplefilter("ignore", MeshMotionWarning)  # the results collect them
+        warnings.simplefilter("ignore", MeshMotionWarning)  # the results collect the warnings
         session = server.open(mesh, settings, **options)
         try:
             yield session
         finally:
-            with suppress(MeshMotionError):  # the results do not depend on it
+            with suppress(MeshMotionError):  # the results do not depend on durability
                 session.close("discard")

@@ -1,4 +1,4 @@
-"""Face quality for finite-volume solvers: what a run keeps of MOVED's faces, and the last line that play prints."""
+"""Face quality for finite-volume solvers: the values of MOVED's faces that a run keeps, and the last line of play."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
@@ -25,7 +25,8 @@ def faces_numbers(faces: Faces) -> dict[str, dict[str, Any]]:
 def faces_line(steps: Sequence[Faces]) -> str:
     """The faces of all steps of a run (first to last) in one line; empty if unknown.
 
-    The number above a limit is that of the step with the least orthogonal face; other values are the worst of all.
+    The number of faces above a limit is that of the step with the least orthogonal face; other values are the worst of
+    all steps.
     """
     known = {number: step for number, step in enumerate(steps, start=1) if step}
     if not known:
@@ -46,7 +47,7 @@ def faces_line(steps: Sequence[Faces]) -> str:
 
 
 def _shrunk(after: Iterable[Mapping[str, Any]]) -> str:
-    """The least edge and face of all steps; in a plane they are the same; empty from a server that does not know."""
+    """The smallest edge and face of all steps; in 2D they are equal; empty if the server does not report them."""
     sizes = [(float(now["shortest_edge"]), float(now["smallest_face"])) for now in after if "shortest_edge" in now]
     if not sizes:
         return ""

@@ -37,7 +37,7 @@ class Found:
 
 
 def list_sessions(endpoint: str, timeout: float, keys: Keys | None = None) -> Found:
-    """The sessions of a running server.
+    """List the sessions of a running server.
 
     Raises
     ------
@@ -55,7 +55,7 @@ def list_sessions(endpoint: str, timeout: float, keys: Keys | None = None) -> Fo
 
 
 def inspect_folder(folder: Path) -> Found:
-    """The session in a folder, or all sessions of a state folder.
+    """Describe the session in a folder, or all sessions of a state folder.
 
     Raises
     ------
@@ -78,7 +78,7 @@ def inspect_folder(folder: Path) -> Found:
 
 
 def inspect_step(folder: Path, step: int) -> Found:
-    """What happened at a step of the session in a folder, and why. Only the history is read; nothing is verified.
+    """Describe the events of a step of the session in a folder. Only the history is read; nothing is verified.
 
     Raises
     ------

@@ -41,7 +41,7 @@ class PatchProgram(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class RigidProgram:
-    """A rigid motion of the nodes at ``points`` (p, d); ``fraction`` gives the part that is done after a step."""
+    """A rigid motion of the nodes at ``points`` (p, d); ``fraction`` returns the share that is done after a step."""
 
     points: Floats
     motion: RigidMotion
@@ -61,9 +61,10 @@ class RigidProgram:
 
 @dataclass(frozen=True, eq=False)
 class BendingProgram:
-    """A bending of the nodes at ``points`` (p, d); ``fraction`` gives the part of its angle after a step.
+    """A bending of the nodes at ``points`` (p, d); ``fraction`` returns the share of its angle after a step.
 
-    Sections stay plane and normal to the middle line. Nodes behind the clamp rest; those past the tip go on straight.
+    Sections stay plane and normal to the middle line. Nodes behind the clamp do not move; nodes beyond the tip continue
+    the middle line straight.
     """
 
     points: Floats
@@ -182,7 +183,7 @@ def _programs(case: Case, mesh: MeshFile, patch: str) -> tuple[PatchProgram, ...
 
 
 def _bending_frame(motion: Bending) -> tuple[Floats, Floats, float]:
-    """(d,) unit vectors along the body and to the side to which it bends, and the body's length."""
+    """(d,) unit vectors along the body and towards the side to which it bends, and the body's length."""
     along = np.array(motion.tip) - np.array(motion.clamp)
     length = float(np.linalg.norm(along))
     axis = np.array(motion.axis or (0.0, 0.0, 1.0))
@@ -191,14 +192,14 @@ def _bending_frame(motion: Bending) -> tuple[Floats, Floats, float]:
 
 
 def _arc(place: Floats, angle: float, length: float) -> tuple[Floats, Floats, Floats]:
-    """(p,) way forward, way aside and slope of a line of constant curvature, at arc lengths (p,)."""
+    """(p,) distance forward, distance aside and slope of a line of constant curvature, at arc lengths (p,)."""
     slope = angle * place / length
     half = np.sinc(slope / (2 * np.pi))  # sin(slope/2) / (slope/2)
     return place * half * np.cos(slope / 2), place * half * np.sin(slope / 2), slope
 
 
 def _arch(place: Floats, angle: float, length: float) -> tuple[Floats, Floats, Floats]:
-    """The same of a line that rests at both ends and has its largest slope ``angle`` at a quarter of its length."""
+    """The same for a line whose ends do not move, with its largest slope ``angle`` at a quarter of its length."""
     steepest = np.tan(angle)
     lift = steepest * length / np.pi * np.sin(np.pi * place / length) ** 2
     return place, lift, np.arctan(steepest * np.sin(2 * np.pi * place / length))

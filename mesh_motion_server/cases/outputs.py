@@ -2,7 +2,7 @@
 ``mesh.pvd`` with ``mesh_0000.vtu``, … and ``quality.png``.
 
 A refused case leaves the results of the steps before, with ``accepted.npy`` (the last accepted coordinates) in place of
-``points.npy``, and ``refused.vtu``; a case that never began leaves nothing. Results of an earlier run are removed
+``points.npy``, and ``refused.vtu``; a case that never began has no results. Results of an earlier run are removed
 first, so a folder only has results of the last case.
 """
 
@@ -47,7 +47,7 @@ RESULTS = (
 
 @contextmanager
 def run_folder(folder: Path) -> Iterator[None]:
-    """A folder that receives results during the block; it is removed if an error leaves nothing to keep.
+    """Make a folder that receives results during the block; it is removed if an error leaves nothing to keep.
 
     Raises
     ------
@@ -98,7 +98,7 @@ def write_points(folder: Path, points: Floats, name: str = "points.npy") -> None
 
 
 def write_steps(folder: Path, steps: Sequence[StepRecord]) -> None:
-    """steps.csv."""
+    """Write steps.csv."""
     with (folder / "steps.csv").open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, (*StepRecord.columns(), *FACES))
         writer.writeheader()

@@ -1,7 +1,7 @@
 """Play a case: drive a session as a coupling code would, step by step, and keep the replies.
 
 Each step has several coupling iterations: Moves that start from the same committed state and approach the step's final
-displacement, as a relaxed fixed-point iteration does. The last one is committed.
+displacement, like a relaxed fixed-point iteration. The last one is committed.
 """
 
 import resource
@@ -37,7 +37,7 @@ __all__ = ["Played", "play"]
 
 Progress = Callable[[int, int, StepRecord | None], None]
 
-#: An iteration halves the distance to the step's final displacement, as relaxation by 0.5 does.
+#: Factor by which an iteration reduces the distance to the step's final displacement, like relaxation by 0.5.
 _RELAXATION = 0.5
 
 
@@ -50,7 +50,7 @@ class Played:
     points : (n, d) array
         Final coordinates.
     warnings : list of str
-        What the server and the writers warned about, each once, in the order of first appearance.
+        Warnings of the server and of the writers, each once, in the order of first appearance.
     summary : dict
         The content of summary.json.
     before, worst : Snapshot
@@ -82,7 +82,7 @@ def play(
     folder : path
         Receives the results; created if it is missing.
     endpoint : str, optional
-        A running server; if omitted, a private server is started and stopped.
+        Endpoint of a running server; if omitted, a private server is started and stopped.
     every : int
         Write every ``every``-th step to the series; the last step always.
     progress : callable, optional
@@ -98,7 +98,7 @@ def play(
         If the server refuses a step. The folder then has the results of the steps before it, ``accepted.npy`` instead
         of ``points.npy``, and the refused mesh in ``refused.vtu`` and ``quality.png``.
     """
-    if folder.is_dir() and case_file.is_file():  # after a misspelt name the earlier results stay
+    if folder.is_dir() and case_file.is_file():  # an error for a misspelt name must not remove earlier results
         remove_results(folder)
     case = read_case(case_file)
     mesh = case.read_mesh()
@@ -214,7 +214,7 @@ class _Run:
         self.write(folder, self.result().summary | {"ended_early": refusal}, title)
 
     def _refused(self, folder: Path, step: int, error: Any) -> dict[str, Any]:
-        """Write refused.vtu, name its worst cell in the error, and return the summary of it."""
+        """Write refused.vtu, name its worst cell in the error, and return a summary of the mesh."""
         results, prediction = self._results, Prediction.of(self._case, self._mesh, self._program)
         path = folder / "refused.vtu"
         points, worst = write_refused(path, prediction, results.points, step, results.cells, results.sizes)

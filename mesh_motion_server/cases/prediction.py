@@ -54,7 +54,7 @@ class Prediction:
             committed = motion.points
 
     def trial(self, committed: Floats, step: int) -> Floats:
-        """The mesh (n, d) after one step, even if it is invalid; without a correction if no correction succeeds.
+        """The mesh (n, d) after one step, even if it is invalid; without a correction if none succeeds.
 
         Raises
         ------

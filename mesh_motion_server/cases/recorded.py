@@ -1,4 +1,4 @@
-"""Read what a replay needs from a stored session's folder: mesh, settings, boundary motion and results."""
+"""Reads the data for a replay from a stored session's folder: mesh, settings, boundary motion and results."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ __all__ = ["Recorded", "difference_velocity", "read_recorded"]
 
 @dataclass(frozen=True, eq=False)
 class Recorded:
-    """A stored session, as far as a replay needs it.
+    """The data of a stored session for a replay.
 
     Attributes
     ----------
@@ -35,13 +35,14 @@ class Recorded:
     digests : dict of int to bytes
         Of their states.
     makers : list of (int, str)
-        First step, and the versions and processor that computed from it on; an empty text if unknown.
+        First step, and the versions and processor that computed the steps from there on; an empty text if unknown.
     notes : list of str
-        What cannot be replayed, and why.
+        The parts that cannot be replayed, with the reasons.
     stored : (int, (n, d) array) or None
         The step whose coordinates are stored, and the coordinates; mesh length unit.
     velocity : (n, d) array or None
-        At that step, mesh length unit per second: that of "bossak", or the difference of the last two levels of "bdf2".
+        Velocities at that step, mesh length unit per second: those of "bossak", or the difference of the last two
+        levels of "bdf2".
     """
 
     folder: Path
@@ -56,7 +57,7 @@ class Recorded:
     velocity: Floats | None
 
     def digest(self, step: int) -> bytes:
-        """State digest of a recorded step; empty if unknown, or if it is also that of levels at times that are."""
+        """State digest of a recorded step; empty if unknown, or if it also includes unknown time levels."""
         if self.spec.time_levels and not self.log.timed:
             return b""
         return self.log.digest(step) or self.digests.get(step, b"")
@@ -81,7 +82,7 @@ def read_recorded(folder: Path) -> Recorded:
             hint="the server's setting history_bytes must not be 0 when a session is opened",
         )
     files = PosixFileSystem()
-    ledger = read_ledger(folder, files)  # only the chain: a copy of an active session may end in the middle of a commit
+    ledger = read_ledger(folder, files)  # only the chain: a copy of an active session may end inside a commit
     notes = list(_cut(log, ledger))
     if not log.steps:
         raise InvalidInput(f"{folder}: nothing can be replayed: {notes[-1]}")
@@ -105,7 +106,7 @@ def read_recorded(folder: Path) -> Recorded:
 
 
 def _stored(folder: Path, files: PosixFileSystem, ledger: Ledger) -> tuple[int, Floats] | None:
-    """The stored state; None if it does not verify. It only serves to measure the distance of two runs."""
+    """The stored state; None if it does not verify. It is used only to measure the distance of two runs."""
     try:
         return read_stored_state(folder, files, ledger)
     except DataLoss:
@@ -113,7 +114,7 @@ def _stored(folder: Path, files: PosixFileSystem, ledger: Ledger) -> tuple[int, 
 
 
 def _velocity(step: int, state: Floats, nodes: int, spec: StoredSpec, log: BoundaryLog) -> Floats | None:
-    """Velocities (n, d) that the stored ``state`` of a step has or gives; None without time levels."""
+    """Velocities (n, d) from the stored ``state`` of a step; None without time levels."""
     now, before = log.time(step), spec.time if step == 1 else log.time(step - 1)
     if not spec.time_levels or now is None or before is None:
         return None
@@ -141,11 +142,11 @@ def _cut(log: BoundaryLog, ledger: Ledger) -> Iterator[str]:
 
 
 def _steps(folder: Path) -> tuple[Columns, dict[int, bytes]]:
-    """The committed steps as columns, their quality as size-skew, and the digests of their states, from the events."""
+    """The committed steps as columns with size-skew quality, and the digests of their states, from the events."""
     series, digests = Series(), {}
     for event in read_events(folder):
         is_commit = event["event"] == "committed"
-        series.add(of_metric(event, "size-skew") if is_commit else event)  # not every Move has all metrics
+        series.add(of_metric(event, "size-skew") if is_commit else event)  # some Moves lack metrics
         if is_commit:
             digests[event["step"]] = bytes.fromhex(event["digest"])
     return series.columns(), digests

@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 __all__ = ["VTU_METRICS", "StepRecord", "add_seconds", "drawn"]
 
 VTU_METRICS = ("size", "skew", "size-skew", "relative-size-skew")
-"""Of every cell of the mesh series."""
-_NEAR = 3.0  # steps until the end that are worth a line
+"""Data of every cell in the mesh series."""
+_NEAR = 3.0  # largest number of steps until the end that is reported
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,13 +88,13 @@ class StepRecord:
         Parameters
         ----------
         quality : CellQuality
-            Of the coordinates after it.
+            Quality of the coordinates after the step.
         moved : Moved
-            The reply to its last Move.
+            The reply to the step's last Move.
         phases : dict
             Seconds of the server's phases, all iterations together.
         driven
-            What the driver knows: ``iterations``, ``boundary_error`` and ``seconds``.
+            Values from the driver: ``iterations``, ``boundary_error`` and ``seconds``.
         """
         size_skew, relative = quality.metric("size-skew"), quality.metric("relative-size-skew")
         seconds: dict[str, Any] = {f"seconds_{phase}": phases[phase] for phase in PHASES}
@@ -121,12 +121,12 @@ class StepRecord:
 
     @property
     def ahead(self) -> str:
-        """When the mesh ends if it goes on as in this step, in one line; empty if that is far away."""
+        """When the mesh ends if the motion continues as in this step, in one line; empty if that is far away."""
         ends = {"threshold": self.headroom_threshold, "inversion": self.headroom_inversion}
         return headroom_in_words({end: steps for end, steps in ends.items() if steps is not None and steps <= _NEAR})
 
     def shown(self, metric: str) -> tuple[float, float]:
-        """Minimum and mean of the quality that :func:`drawn` names for a metric."""
+        """Minimum and mean of the quality that :func:`drawn` selects for a metric."""
         if drawn(metric) == "size-skew":
             return self.min_size_skew, self.mean_size_skew
         return self.min_relative_size_skew, self.mean_relative_size_skew
@@ -141,7 +141,7 @@ class StepRecord:
         return asdict(self)
 
     def as_row(self) -> dict[str, Any]:
-        """The columns of steps.csv; NaN for what is not known."""
+        """The columns of steps.csv; NaN for unknown values."""
         after = self.faces.get("after", {})
         found = {name: getattr(self, name) for name in self.columns()} | {name: after.get(name) for name in FACES}
         return {name: math.nan if value is None else value for name, value in found.items()}

@@ -34,7 +34,7 @@ Progress = Callable[[int, int, StepRecord], None]
 
 
 class Runner(Protocol):
-    """An open session, as a client has it."""
+    """An open session in the form that a client has."""
 
     def move(self, displacements: Any, *, frame: Any, report: Any, time: Any, velocity: Any) -> Any:
         """Move the boundary by displacements (k, d); return MOVED."""
@@ -63,11 +63,11 @@ def replay(
     folder : Path
         Receives ``comparison.json`` and the results of a played case.
     changes : dict
-        Settings that differ from those of the session.
+        Settings that replace those of the session.
     until : int, optional
         The last step; by default the last step with a recorded boundary.
     endpoint, keys, every, progress
-        As for :func:`~mesh_motion_server.cases.play.play`.
+        The same as in :func:`~mesh_motion_server.cases.play.play`.
 
     Raises
     ------
@@ -187,7 +187,7 @@ def _last_step(recorded: Recorded, until: int | None) -> int:
 
 
 def _changed(recorded: Recorded, changes: Mapping[str, Any]) -> dict[str, Any]:
-    """The recorded settings with the changes, checked; settings that the server chooses are omitted."""
+    """The recorded settings with the changes, checked; settings that the server chooses are left out."""
     values = recorded.spec.settings.model_dump() | dict(changes)
     checked = MethodSettings.from_mapping(values).model_dump()
     return {key: value for key, value in checked.items() if value is not None}

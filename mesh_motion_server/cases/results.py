@@ -1,4 +1,4 @@
-"""The results of a run while it is made: a record of each step, the mesh series, the worst mesh."""
+"""The results of a run so far: a record of each step, the mesh series, the worst mesh."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -20,12 +20,12 @@ from mesh_motion_server.watch.pictures.snapshot import Snapshot
 
 __all__ = ["Results"]
 
-#: Of quality.png, which is looked at on a screen.
+#: The page of quality.png, which is made for screens.
 _PAGE = Page(width=300.0, points=9.0, dpi=120)
 
 
 class Results:
-    """What a run has made so far.
+    """The results of a run so far.
 
     Parameters
     ----------
@@ -40,11 +40,11 @@ class Results:
     Attributes
     ----------
     points : (n, d) array, mesh length unit
-        After the last step.
+        Coordinates after the last step.
     before, worst : Snapshot
         The mesh at opening, and after the step that left the lowest minimum.
     warnings : list of str
-        Each once, in the order of first appearance.
+        The warnings, each once, in the order of first appearance.
     """
 
     def __init__(
@@ -82,7 +82,7 @@ class Results:
         self.warnings += [warning for warning in warnings if warning not in self.warnings]
 
     def take(self, record: StepRecord, points: Floats, quality: CellQuality) -> bool:
-        """Add a step, which led to ``points`` (n, d); return whether it is the worst so far."""
+        """Add a step with the coordinates ``points`` (n, d); return whether it is the worst so far."""
         self.points, self._quality = points, quality
         self.records.append(record)
         is_worst = record.step == 1 or record.shown(self.metric)[0] < float(self.worst.quality.min())
@@ -93,12 +93,12 @@ class Results:
 
     @property
     def worst_step(self) -> int:
-        """The step of the lowest minimum; 0 without a step."""
+        """The step with the lowest minimum; 0 without a step."""
         worst = min(self.records, key=lambda record: record.shown(self.metric)[0], default=None)
         return worst.step if worst else 0
 
     def write_mesh(self, step: int) -> None:
-        """Add the current mesh to the series, if this step belongs there."""
+        """Add the current mesh to the series, if this step is to be written."""
         if step % self._every and step != self._last:
             return
         quality = {name.replace("-", "_"): self._quality.metric(name) for name in VTU_METRICS}
@@ -106,7 +106,7 @@ class Results:
         self._series.write(float(step), self.points, self.cells, point_data=nodes, cell_data=quality)
 
     def write(self, folder: Path, summary: Mapping[str, Any], title: str, last: str = "") -> None:
-        """Write summary.json, steps.csv and quality.png; ``last``: what the picture shows, if not a committed step."""
+        """Write summary.json, steps.csv and quality.png; ``last``: the picture's mesh, if it is no committed step."""
         write_summary(folder, dict(summary))
         write_steps(folder, self.records)
         if not pictures_are_possible():

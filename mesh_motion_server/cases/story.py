@@ -1,4 +1,4 @@
-"""Describe what happened at a step: turns the events of a history into lines of text."""
+"""Describes the events of a step: turns the events of a history into lines of text."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -19,7 +19,7 @@ _NAMED_CELLS = 3
 
 @dataclass(frozen=True)
 class Story:
-    """What happened at a step.
+    """The events of a step.
 
     Attributes
     ----------
@@ -38,12 +38,12 @@ class Story:
 
 
 def story_of_step(session_folder: Path, step: int) -> Story:
-    """The story of a recorded step.
+    """Return the story of a recorded step.
 
     Raises
     ------
     InvalidInput
-        If it is not recorded.
+        If the step is not recorded.
     """
     events = events_of_step(session_folder, step)
     outcome = _outcome(events, step)
@@ -150,7 +150,7 @@ def _resumption_lines(event: Event, was_committed: bool) -> list[str]:
 
 
 def _means(correction: dict[str, Any]) -> str:
-    """'optimised': 3 enrichment points, 12 freed nodes, 4 iterations."""
+    """For example "'optimised': 3 enrichment points, 12 freed nodes, 4 iterations"."""
     counts = [(correction["enrichment_points"], "enrichment point"), (correction["freed_nodes"], "freed node")]
     counts.append((correction["iterations"], "iteration"))
     parts = [f"{number} {word}{'s' if number != 1 else ''}" for number, word in counts if number]

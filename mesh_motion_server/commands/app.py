@@ -1,4 +1,4 @@
-"""The commands of ``mesh-motion``; each imports what it needs when it runs, so that ``--help`` is quick."""
+"""The commands of ``mesh-motion``; each command imports its modules only when it runs, so that ``--help`` is quick."""
 
 # ruff: noqa: PLC0415
 

@@ -32,7 +32,7 @@ __all__ = ["ExitStatus", "complain", "main", "say", "say_json", "status_of"]
 
 
 class ExitStatus(IntEnum):
-    """Exit statuses; those from 64 on are those of sysexits.h."""
+    """Exit statuses; statuses from 64 on have the meaning of sysexits.h."""
 
     DONE = 0
     UNMET = 1
@@ -63,17 +63,17 @@ def status_of(code: str) -> ExitStatus:
 
 
 def complain(message: str) -> None:
-    """One line on standard error."""
+    """Print one line on standard error."""
     sys.stderr.write(f"mesh-motion: {plain(' '.join(message.split()))}\n")
 
 
 def say(text: object) -> None:
-    """Lines on standard output; what could steer a terminal is shown as ``�``."""
+    """Print lines on standard output; characters that could control a terminal are shown as ``�``."""
     sys.stdout.write("".join(f"{plain(line)}\n" for line in str(text).split("\n")))
 
 
 def say_json(values: dict[str, Any]) -> None:
-    """Values for a program on standard output; a terminal gets escapes, as a label may hold any character."""
+    """Print values for a program on standard output; with escapes on a terminal, as a label may have any character."""
     sys.stdout.write(json.dumps(values, indent=2, ensure_ascii=sys.stdout.isatty()) + "\n")
 
 
@@ -81,7 +81,7 @@ def main() -> NoReturn:
     """Run the command line and exit."""
     _open_standard_streams()
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")  # otherwise pydantic searches every installed package
-    if isinstance(sys.stdout, TextIOWrapper):  # a label may have what its encoding lacks: it is shown as "?"
+    if isinstance(sys.stdout, TextIOWrapper):  # a label may have characters outside the encoding: they are shown as "?"
         sys.stdout.reconfigure(errors="replace")
     try:
         from mesh_motion_server.commands.app import app  # noqa: PLC0415  (its packages may be missing: the client's do)
@@ -93,7 +93,7 @@ def main() -> NoReturn:
             _report_defect(error)
         complain(line)
         sys.exit(ExitStatus.UNAVAILABLE)
-    except BrokenPipeError:  # the reader of our output has gone, as `| head` does
+    except BrokenPipeError:  # the reader of the output has ended, as in `| head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(ExitStatus.DONE)
     except Exception as error:
@@ -102,8 +102,8 @@ def main() -> NoReturn:
 
 
 def _open_standard_streams() -> None:
-    """Open those that are closed, as in daemons: their numbers would go to the next files and sockets, here and in
-    children, and what is printed would go there.
+    """Open the standard streams that are closed, as in daemons: their numbers would go to the next files and sockets,
+    here and in children, and the output would go there.
     """
     while (descriptor := os.open(os.devnull, os.O_RDWR)) <= 2:
         os.set_inheritable(descriptor, True)
@@ -114,7 +114,7 @@ def _open_standard_streams() -> None:
 
 
 def _report_defect(error: Exception) -> NoReturn:
-    """Print what a bug report needs; exit with status 70."""
+    """Print the data for a bug report; exit with status 70."""
     traceback.print_exception(error)
     complain(f"a defect of this program: {type(error).__name__}; please report the lines above")
     sys.exit(ExitStatus.DEFECT)

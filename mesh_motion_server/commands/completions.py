@@ -1,7 +1,7 @@
-"""What the shell offers for the values of options; commands and options themselves typer completes.
+"""Completions of option values for the shell; typer completes commands and options themselves.
 
-Each function takes what has been typed and returns what may stand there; for nothing the shell offers files. They
-import nothing heavy: they run at each press of Tab.
+Each function takes the typed text and returns the possible values; without a value the shell offers files. The
+functions import no large modules, because they run each time Tab is pressed.
 """
 
 from __future__ import annotations

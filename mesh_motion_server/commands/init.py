@@ -1,4 +1,4 @@
-"""``mesh-motion init``: a case file to begin with."""
+"""``mesh-motion init``: writes a first case file."""
 
 # ruff: noqa: PLC0415
 

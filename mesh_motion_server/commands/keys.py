@@ -1,4 +1,4 @@
-"""``mesh-motion keys``: make keys, and say who may use a server."""
+"""``mesh-motion keys``: makes keys, and changes the list of users of a server."""
 
 # ruff: noqa: PLC0415
 

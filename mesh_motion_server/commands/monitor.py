@@ -1,4 +1,4 @@
-"""``mesh-motion monitor``: sessions watched from a terminal."""
+"""``mesh-motion monitor``: shows sessions on a terminal."""
 
 # ruff: noqa: PLC0415
 

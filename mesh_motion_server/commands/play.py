@@ -1,4 +1,4 @@
-"""``mesh-motion play``: a case, or a stored session once more, through a session like any other."""
+"""``mesh-motion play``: plays a case, or a stored session again, through an ordinary session."""
 
 # ruff: noqa: PLC0415
 

@@ -1,4 +1,4 @@
-"""``mesh-motion plot``: pictures of runs for papers, from a session's folder or from what ``play`` left."""
+"""``mesh-motion plot``: pictures of runs for papers, from a session's folder or from the results of ``play``."""
 
 # ruff: noqa: PLC0415
 

@@ -1,4 +1,4 @@
-"""``mesh-motion play --from-journal``: a stored session once more, and what comes out otherwise."""
+"""``mesh-motion play --from-journal``: replays a stored session, and compares the results."""
 
 # ruff: noqa: PLC0415
 
@@ -26,7 +26,7 @@ def print_comparison(comparison: Comparison, *, quiet: bool) -> None:
     Raises
     ------
     typer.Exit
-        With status 1 if nothing was changed and the states differ all the same.
+        With status 1 if nothing was changed but the states differ.
     """
     from mesh_motion_server.cases.comparison import table_of
     from mesh_motion_server.watch.terminal.console import console
@@ -41,7 +41,7 @@ def print_comparison(comparison: Comparison, *, quiet: bool) -> None:
 
 
 def changes_of(assignments: Sequence[str]) -> dict[str, Any]:
-    """Settings by key; values as TOML has them, and words without quotes.
+    """Settings by key; values in TOML's form, or words without quotes.
 
     Raises
     ------

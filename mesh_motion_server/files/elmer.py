@@ -19,7 +19,8 @@ from mesh_motion_server.files.numbering import NumberedRows
 
 __all__ = ["ELMER"]
 
-#: The hundreds of a type are its shape, the rest its nodes: 504 is a tetrahedron, 510 one of second order.
+#: Shape by the hundreds of a type; its other digits are the number of nodes: 504 is a tetrahedron, 510 one of second
+#: order.
 _SHAPES = {1: "", 2: "line", 3: "triangle", 4: "quad", 5: "tetra", 6: "pyramid", 7: "wedge", 8: "hexahedron"}
 _NAME = re.compile(r"^\s*\$\s*(\S+)\s*=\s*(\d+)", re.MULTILINE)
 
@@ -54,7 +55,7 @@ def _lines(path: Path) -> list[str]:
 
 
 def _elements(path: Path, node_rows: NumberedRows, before: int) -> list[tuple[str, Integers, Integers]]:
-    """Our type, second numbers (m,) and nodes (m, k) of the rows of each type; it stands behind ``before`` numbers."""
+    """Our type, second numbers (m,) and nodes (m, k) of each type's rows; ``before`` numbers come before the type."""
     found: dict[int, list[list[int]]] = defaultdict(list)
     for place, line in enumerate(_lines(path), start=1):
         row = [int(word) for word in line.split()]
@@ -71,7 +72,7 @@ def _elements(path: Path, node_rows: NumberedRows, before: int) -> list[tuple[st
 
 
 def _boundary_names(path: Path) -> dict[int, str]:
-    """{number: name} of the boundaries, which follow their heading in mesh.names, a file that may be missing."""
+    """{number: name} of the boundaries, which come after their heading in mesh.names; this file may be missing."""
     text = path.read_text(encoding="utf-8", errors="replace") if path.is_file() else ""
     return {int(number): name for name, number in _NAME.findall(text.partition("names for boundaries")[2])}
 

@@ -177,7 +177,7 @@ def _own_name(data: dict[str, Any], kind: str, number: int) -> str:
 
 
 def _move(source: Path, target: Path, points: Floats) -> None:
-    """Write the file with other coordinates of the nodes; results in the file stay."""
+    """Write the file with other coordinates of the nodes; results in the file are kept."""
     if _is_hdf5(source):
         with copied_hdf5(source, target) as variables:
             _overwrite(variables, points)

@@ -1,6 +1,6 @@
 """Fluent's meshes: ``.msh`` and ``.cas``, ASCII and binary, and ``.msh.h5`` and ``.cas.h5``, its form in HDF5.
 
-The mesh is a list of faces with the cell on either side. Zones of faces become patches with their names, but the zones
+The mesh is a list of faces with the cell on either side. Zones of faces become patches with their names, except zones
 of inner faces. In text, ``(index header body)`` is a section; numbers of headers and faces are hexadecimal.
 
 Fluent User's Guide, appendix "Mesh File Format"; https://github.com/Kitware/VTK/tree/master/IO/FLUENTCFF for HDF5.
@@ -31,7 +31,7 @@ _INTERIOR, _PERIODIC = 2, (8, 12)
 _KINDS = {3: "wall", 4: "pressure-inlet", 5: "pressure-outlet", 7: "symmetry", 8: "periodic-shadow",
           9: "pressure-far-field", 10: "velocity-inlet", 12: "periodic", 14: "fan", 20: "mass-flow-inlet",
           24: "interface", 31: "parent", 36: "outflow", 37: "axis"}  # fmt: skip
-#: Faces per nodes of a fixed number; 0 and 5 say it before each face.
+#: Number of nodes of faces with a fixed number; with 0 and 5 the number is given before each face.
 _OF_ANY_SIZE = (0, 5)
 _SECTION = re.compile(rb"\s*\((\d+)\s*")
 _HEADER = re.compile(rb"\(([^()]*)\)\s*")
@@ -54,7 +54,7 @@ class _Zone:
 
 @dataclass(eq=False)
 class _Content:
-    """What the file has, in the order of the file.
+    """The content of the file, in the order of the file.
 
     nodes : [(first, (m, d) coordinates)]; places : where these stand
     faces : [(first, (m,) numbers of nodes, (k,) nodes counted from 1, (m, 2) cells c0 and c1 counted from 1)]
@@ -74,7 +74,7 @@ def _read_text(path: Path) -> MeshFile:
     Raises
     ------
     InvalidInput
-        For hanging nodes, and what does not fit; names the section.
+        For hanging nodes and inconsistent data; names the section.
     """
     try:
         return _mesh(path, _read_sections(path.read_bytes()))
@@ -109,7 +109,7 @@ def _read_sections(data: bytes) -> _Content:
 
 
 def _end(data: bytes, start: int) -> int:
-    """The place behind the bracket that closes the one at ``start``; brackets in strings do not count."""
+    """The place after the bracket that closes the one at ``start``; brackets in strings do not count."""
     depth = 0
     for bracket in _BRACKET.finditer(data, start):
         depth += {b"(": 1, b")": -1}.get(bracket[0], 0)
@@ -119,7 +119,7 @@ def _end(data: bytes, start: int) -> int:
 
 
 def _behind(data: bytes, end: int) -> int:
-    """The place behind a section whose body ends at ``end``."""
+    """The place after a section whose body ends at ``end``."""
     found = _BODY_END.match(data, end)
     if found is None:
         raise ValueError(f"the section before byte {end} has another length than its header says")
@@ -127,7 +127,7 @@ def _behind(data: bytes, end: int) -> int:
 
 
 def _read_nodes(content: _Content, data: bytes, start: int, header: list[int], kind: str) -> int:
-    """A section of nodes: zone, first and last node, type, and the number of coordinates; where it ends."""
+    """Read a section of nodes: zone, first and last node, type, and the number of coordinates; return its end."""
     _, first, last, *more = header
     width = more[1] if len(more) > 1 else content.dimension
     count = (last - first + 1) * width
@@ -144,7 +144,7 @@ def _read_nodes(content: _Content, data: bytes, start: int, header: list[int], k
 
 
 def _read_faces(content: _Content, data: bytes, start: int, header: list[int], kind: str) -> int:
-    """A section of faces: zone, first and last face, type of zone, nodes of each face; where it ends."""
+    """Read a section of faces: zone, first and last face, type of zone, nodes of each face; return its end."""
     zone, first, last, zone_type, face_type = header[:5]
     count = last - first + 1
     most = count * (2 + face_type) if face_type not in _OF_ANY_SIZE else -1
@@ -182,7 +182,7 @@ def _sizes(numbers: list[int] | Integers, first: int, last: int) -> list[int]:
 
 
 def _values(data: bytes, start: int, count: int, kind: str, of_words: Callable[[list[bytes]], Any]) -> tuple[Any, int]:
-    """The numbers of a body, and where it ends."""
+    """The numbers of a body, and its end."""
     if not kind:
         end = data.index(b")", start)
         return of_words(data[start:end].split()), end
@@ -199,7 +199,7 @@ def _read_hdf5(path: Path) -> MeshFile:
     Raises
     ------
     InvalidInput
-        Without h5py, and for what does not fit.
+        Without h5py, and for inconsistent data.
     """
     with opened_hdf5(path, "Fluent mesh") as file:
         if "meshes" not in file:

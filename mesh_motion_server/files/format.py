@@ -1,4 +1,4 @@
-"""One mesh format: how a file of it is recognised, what reads it, and what writes its file with the moved nodes."""
+"""One mesh format: how to recognise its files, how to read them, and how to write them with moved nodes."""
 
 import re
 from collections.abc import Callable
@@ -8,7 +8,7 @@ from mesh_motion_server.files.mesh_file import MeshFile
 
 __all__ = ["HEAD_BYTES", "Format"]
 
-#: The beginning of a file that is searched for what identifies its format.
+#: Number of bytes at the beginning of a file that are searched to identify its format.
 HEAD_BYTES = 4096
 
 
@@ -19,12 +19,12 @@ class Format:
     Attributes
     ----------
     name : str
-        As in messages: "a Gmsh mesh".
+        Name in messages: "a Gmsh mesh".
     suffixes : tuple of str
         Usual endings of its files, lower case; empty for folders.
     head : regular expression
-        Found in the first :data:`HEAD_BYTES` bytes of every file of this format. Of a folder: in the names of its
-        files, one a line.
+        Matches in the first :data:`HEAD_BYTES` bytes of every file of this format; for a folder in the names of its
+        files, one on each line.
     read : function (path) or (path, zone)
         Reads the file.
     zoned : bool
@@ -34,7 +34,7 @@ class Format:
     folder : bool
         Whether it is a folder of files.
     way_in : str
-        Of a format that is not read: how its files get in.
+        For a format that is not read: how to convert its files.
     """
 
     name: str
@@ -47,5 +47,5 @@ class Format:
     way_in: str = ""
 
     def fits(self, head: bytes) -> bool:
-        """Whether a file that begins so is of this format."""
+        """Whether a file with this beginning is of this format."""
         return self.head.search(head) is not None

@@ -1,4 +1,4 @@
-"""The table of formats: a new one is a module of its own and a row here."""
+"""The table of formats: a new format is a module and a row here."""
 
 import re
 
@@ -32,7 +32,7 @@ _BY_ITS_PROGRAM = "its program exports others that are read, as CGNS or Fluent's
 
 
 def _named(name: str, suffixes: tuple[str, ...], head: bytes, way_in: str) -> Format:
-    """A format that is not read, but is known by its beginning."""
+    """A format that is not read, but recognised by its beginning."""
     return Format(name, suffixes, re.compile(head), way_in=way_in)
 
 

@@ -1,4 +1,4 @@
-"""HDF5 files of other programs, read with h5py (extra ``mesh``): errors in one line, no array larger than its file."""
+"""HDF5 files of other programs, read with h5py (extra ``mesh``): errors of one line, no array larger than its file."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -16,7 +16,7 @@ __all__ = ["array_of", "opened_hdf5", "whole_of"]
 
 @contextmanager
 def opened_hdf5(path: Path, what: str) -> Iterator[Any]:
-    """The file, open for reading.
+    """Open the file for reading.
 
     Raises
     ------
@@ -32,12 +32,12 @@ def opened_hdf5(path: Path, what: str) -> Iterator[Any]:
 
 
 def array_of(path: Path, data: Any, kinds: str) -> NDArray[Any]:
-    """The values of a data set as float64 ("f") or int64 ("iu").
+    """Return the values of a data set as float64 ("f") or int64 ("iu").
 
     Raises
     ------
     InvalidInput
-        If its numbers are of other kinds, or it would fill the memory.
+        If its numbers are of another kind, or if it would fill the memory.
     """
     if not hasattr(data, "dtype") or data.dtype.kind not in kinds:
         got = getattr(data, "dtype", "a group")
@@ -46,7 +46,7 @@ def array_of(path: Path, data: Any, kinds: str) -> NDArray[Any]:
 
 
 def whole_of(path: Path, data: Any) -> NDArray[Any]:
-    """The values of a data set of any type.
+    """Return the values of a data set of any type.
 
     Raises
     ------

@@ -27,7 +27,7 @@ from mesh_motion_server.files.sides import ABAQUS, PLANES, SHELLS, SOLIDS, side_
 
 __all__ = ["ABAQUS_INP"]
 
-#: A type's name ends with its number of nodes and letters for how it is integrated: C3D8, C3D20R, CPS4, STRI65, F3D8.
+#: A type's name ends with its number of nodes and letters for the integration: C3D8, C3D20R, CPS4, STRI65, F3D8.
 _LINES = {2: "line", 3: "line"}
 _FAMILIES = (
     (re.compile(r"(?:[DA]?C3D|F3D|FC3D|SC)(\d+)"), SOLIDS, False),
@@ -42,9 +42,9 @@ _ALL_LISTED = "Abaqus/CAE writes one list of nodes with noPartsInputFile=ON, und
 _INCLUDE = re.compile(r"(?im)^\*INCLUDE\s*,\s*INPUT\s*=\s*(.+?)\s*$")
 
 
-#: A set may name so many numbers in one line, most of which may not be there.
+#: Largest number of numbers that a set may name in one line; most of them may not exist.
 _MOST_GENERATED = 50_000_000
-#: Of a set: a number, numbers that are generated, the name of another set.
+#: An item of a set: a number, a range of generated numbers, or the name of another set.
 _Item = int | range | str
 
 
@@ -60,7 +60,7 @@ class _Block:
 
 @dataclass(eq=False)
 class _Content:
-    """What was read so far; numbers of nodes and elements are those of the file.
+    """The content read so far; numbers of nodes and elements are those of the file.
 
     of_nodes, of_elements : sets that are named where their nodes or elements are
     instances : names of instances of parts
@@ -93,7 +93,7 @@ def _read(path: Path) -> MeshFile:
 
 
 def _whole(path: Path, folder: Path, seen: set[Path]) -> str:
-    """The text of a file with that of the files that it includes."""
+    """The text of a file, with the text of the files that it includes."""
     found = path.resolve()
     if not found.is_relative_to(folder) or not found.is_file() or found in seen:
         reason = (
@@ -106,7 +106,7 @@ def _whole(path: Path, folder: Path, seen: set[Path]) -> str:
 
 
 def _blocks(text: str) -> Iterator[tuple[int, str, dict[str, str], list[str]]]:
-    """Line number, keyword, its parameters, and the lines of data of each keyword."""
+    """Yield line number, keyword, parameters, and the data lines of each keyword."""
     lines = [(number, line.strip()) for number, line in enumerate(text.splitlines(), start=1)]
     lines = [(number, line) for number, line in lines if line and not line.startswith("**")]
     starts = [place for place, (_, line) in enumerate(lines) if line.startswith("*")]
@@ -116,7 +116,7 @@ def _blocks(text: str) -> Iterator[tuple[int, str, dict[str, str], list[str]]]:
         number, head = lines[start]
         keyword, *rest = (part.strip() for part in head[1:].split(","))
         data = [line for _, line in lines[start + 1 : end]]
-        while head.endswith(",") and data:  # parameters go on
+        while head.endswith(",") and data:  # parameters continue on the next line
             head = data.pop(0)
             rest += [part.strip() for part in head.split(",")]
         pairs = (part.partition("=") for part in rest if part)
@@ -201,7 +201,7 @@ def _listed(content: _Content, lines: list[str], *, generate: bool) -> list[_Ite
 
 
 def _add_elements(found: _Content, given: dict[str, str], lines: list[str]) -> None:
-    """The elements of one keyword; those without nodes of a cell, such as springs, are left out."""
+    """Add the elements of one keyword; elements that are no cells, such as springs, are left out."""
     kind = given["TYPE"].upper()
     matches = ((family.match(kind), types, shell) for family, types, shell in _FAMILIES)
     size, types, shell = next(

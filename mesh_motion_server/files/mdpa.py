@@ -60,7 +60,7 @@ def _read(path: Path) -> MeshFile:
     Raises
     ------
     InvalidInput
-        For unknown elements, numbers of what is not there, and malformed blocks; names the block and its line.
+        For unknown elements, missing numbers, and malformed blocks; names the block and its line.
     """
     try:
         return _mesh(path, _content(path.read_text(encoding="utf-8", errors="replace")))
@@ -69,7 +69,7 @@ def _read(path: Path) -> MeshFile:
 
 
 def _blocks(text: str) -> Iterator[tuple[int, list[str], list[str], list[list[str]]]]:
-    """Line number, names of the parts around it, words of the head, and rows, of each block."""
+    """Yield line number, names of the enclosing parts, words of the head, and rows of each block."""
     open_blocks: list[tuple[int, list[str], list[list[str]]]] = []
     for number, line in enumerate(text.splitlines(), start=1):
         words = line.partition("//")[0].split()
@@ -117,7 +117,7 @@ def _content(text: str) -> _Content:
 
 
 def _rows(head: list[str], rows: list[list[str]]) -> tuple[str, Integers, Integers]:
-    """Our type, numbers and nodes of the rows: a number, a property but for geometries, and the nodes."""
+    """Our type, numbers and nodes of the rows. A row is a number, a property (not for geometries), and the nodes."""
     before = 1 if head[0] == "Geometries" else 2
     size = len(rows[0]) - before
     name = head[1] if len(head) > 1 else ""

@@ -1,6 +1,7 @@
 """Salome's MED files: HDF5, read with h5py (extra ``mesh``). Groups of faces, edges and nodes become patches.
 
-Elements and nodes have families, and a family has the names of its groups. Arrays have one component after the other.
+Elements and nodes have families, and a family has the names of its groups. Arrays have all values of one component,
+then those of the next.
 
 https://docs.salome-platform.org/latest/dev/MEDCoupling/developer/med-file.html
 """
@@ -23,7 +24,7 @@ from mesh_motion_server.files.moved import copied_hdf5
 
 __all__ = ["MED"]
 
-#: Our type and the number of nodes of MED's types; those of higher order have their corners first.
+#: Our type and the number of nodes for MED's types; types of higher order have their corners first.
 _TYPES = {
     "PO1": ("", 1), "SE2": ("line", 2), "SE3": ("line", 3), "TR3": ("triangle", 3), "TR6": ("triangle", 6),
     "TR7": ("triangle", 7), "QU4": ("quad", 4), "QU8": ("quad", 8), "QU9": ("quad", 9), "TE4": ("tetra", 4),
@@ -31,7 +32,7 @@ _TYPES = {
     "PE6": ("wedge", 6), "P15": ("wedge", 15), "PE15": ("wedge", 15), "P18": ("wedge", 18), "PY5": ("pyramid", 5),
     "P13": ("pyramid", 13),
 }  # fmt: skip
-#: MED lists the first face of a cell in space the other way round: our corner k is its corner _CORNERS[type][k].
+#: MED lists the first face of a 3D cell in the opposite direction: our corner k is its corner _CORNERS[type][k].
 _CORNERS = {"tetra": (0, 2, 1, 3), "hexahedron": (0, 3, 2, 1, 4, 7, 6, 5), "wedge": (0, 2, 1, 3, 5, 4),
             "pyramid": (0, 3, 2, 1, 4)}  # fmt: skip
 
@@ -64,13 +65,13 @@ def _read(path: Path, zone: str = "") -> MeshFile:
 
 
 def _step(file: Any, name: str) -> Any:
-    """The group with nodes and elements: of the first time step, or before version 3 the mesh itself."""
+    """The group with nodes and elements: that of the first time step; before version 3 that of the mesh itself."""
     mesh = file[f"ENS_MAA/{name}"]
     return mesh if "NOE" in mesh else mesh[min(mesh)]
 
 
 def _components(path: Path, data: Any, kinds: str) -> Any:
-    """(n, c) an array that has one component after the other."""
+    """(n, c) an array that is stored component by component."""
     count = int(data.attrs["NBR"])
     return array_of(path, data, kinds).reshape(-1, count).T
 

@@ -1,4 +1,4 @@
-"""A mesh as read from a file, in the file's node order, with the checks that apply to every reader."""
+"""A mesh from a file, in the file's node order, with the checks that apply to every reader."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class MeshFile:
     notes : tuple of str
         One line for each thing that the reader left out or named.
     global_ids : (n,) int64 array or None
-        Of a partition: the nodes' numbers in the whole mesh.
+        For a partition: the nodes' numbers in the whole mesh.
     """
 
     points: Floats
@@ -73,7 +73,7 @@ class MeshFile:
 
     @property
     def n_cells(self) -> int:
-        """Cells of all types together."""
+        """Number of cells of all types together."""
         return sum(len(nodes) for nodes in self.cells.values())
 
     @property
@@ -113,7 +113,7 @@ def assemble(path: Path, points: Floats, cells: Mapping[str, Integers], patches:
 def assemble_elements(
     path: Path, points: Floats, elements: Sequence[tuple[str, Integers]], patches: Mapping[str, Integers]
 ) -> MeshFile:
-    """As :func:`assemble`, from blocks of elements: our type, and nodes (m, k), the corners first; "" is no cell."""
+    """Like :func:`assemble`, from blocks of elements: our type, and nodes (m, k), the corners first; "" is no cell."""
     cells: dict[str, list[Integers]] = defaultdict(list)
     for name, nodes in elements:
         if name:
@@ -141,7 +141,8 @@ def concatenated(parts: Mapping[Key, Sequence[Integers]]) -> dict[Key, Integers]
 def by_name(found: Mapping[str, Sequence[tuple[int, Integers]]]) -> tuple[dict[str, Integers], list[str]]:
     """{patch: (p,) nodes, with repeats} of groups of several dimensions, and a note on each name that is not one group.
 
-    A curve that has its surface's name and lies on it says nothing new; one elsewhere may be meant as another patch.
+    A curve with the name of the surface on which it lies gives no note; a curve elsewhere may be meant as another
+    patch.
     """
     patches, notes = concatenated({name: [nodes for _, nodes in parts] for name, parts in found.items()}), []
     for name, every in found.items():
@@ -166,7 +167,7 @@ def by_corners(count: int) -> list[str]:
 
 
 def group_names(groups: Iterable[tuple[int, int]], names: Mapping[tuple[int, int], str]) -> dict[tuple[int, int], str]:
-    """The patch of each group (dimension, number): its name, or its number, which curves and surfaces count apart.
+    """The patch of each group (dimension, number): its name or number; curves and surfaces are numbered separately.
 
     Without names, the group of the highest dimension with a number is the patch ``"1"``, others are ``"curve_1"``.
     """
@@ -180,7 +181,7 @@ def group_names(groups: Iterable[tuple[int, int]], names: Mapping[tuple[int, int
 
 
 def named_groups(found: Mapping[tuple[int, int | str], Integers]) -> dict[str, list[tuple[int, Integers]]]:
-    """The nodes (p,) of groups by dimension and number or name, as :func:`by_name` takes them."""
+    """The nodes (p,) of groups by dimension and number or name, in the form for :func:`by_name`."""
     names = group_names([(of, group) for of, group in found if not isinstance(group, str)], {})
     named: dict[str, list[tuple[int, Integers]]] = defaultdict(list)
     for (dimension, group), nodes in found.items():

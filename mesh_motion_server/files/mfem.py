@@ -1,7 +1,8 @@
-"""MFEM's meshes of versions 1.0, 1.2 and 1.3. Attributes of the boundary become patches, named where they are in sets.
+"""MFEM's meshes of versions 1.0, 1.2 and 1.3. Attributes of the boundary become patches, with names if they are in
+sets.
 
-Nodes of a curved mesh are its vertices, then those on edges, on faces and inside, each in the order in which the
-elements name their edges and faces first.
+Nodes of a curved mesh are its vertices, then the nodes on edges, on faces and inside. Edges and faces are in the order
+in which the elements first name them.
 
 https://mfem.org/mesh-format-v1.0, and mesh/mesh_readers.cpp, fem/geom.cpp (local edges and faces) of MFEM's sources.
 """
@@ -47,13 +48,13 @@ _END = re.compile(rb"\s*mfem_mesh_end")
 _NODES = re.compile(rb"\s*FiniteElementSpace\s+FiniteElementCollection:\s*(\S+)\s+VDim:\s*(\d+)\s+Ordering:\s*(\d+)\s+")
 _ORDERS = {"Linear": 1, "Quadratic": 2, "Cubic": 3}
 
-#: Our type, [[row in the section, attribute]] (m, 2) and nodes (m, k) of elements of one type.
+#: Our type, [[row in the section, attribute]] (m, 2) and nodes (m, k), for elements of one type.
 _Block = tuple[str, Integers, Integers]
 
 
 @dataclass(frozen=True, eq=False)
 class _Coordinates:
-    """Where the ``count`` nodes have their numbers, and the order of the elements."""
+    """The place of the numbers of ``count`` nodes in the file, and the order of the elements."""
 
     vertices: int
     count: int
@@ -75,7 +76,7 @@ def _read(path: Path) -> MeshFile:
     Raises
     ------
     InvalidInput
-        For nodes that are not continuous or no points of the mesh (L2, NURBS), and for malformed sections.
+        For nodes that are not continuous or are no points of the mesh (L2, NURBS), and for malformed sections.
     """
     try:
         return _mesh(path, path.read_bytes())
@@ -141,7 +142,7 @@ class _Words:
         return blocks, self._sets(place)
 
     def _sets(self, place: int) -> dict[int, list[str]]:
-        """{attribute: names of the sets that have it}, if sets begin here."""
+        """{attribute: names of the sets that have it}, if the file continues with sets."""
         found: dict[int, list[str]] = defaultdict(list)
         if not self._words[place : place + 1] or not self._words[place].endswith("attribute_sets"):
             return found
@@ -155,7 +156,7 @@ class _Words:
 
 
 def _coordinates(data: bytes) -> _Coordinates:
-    """Where and what the coordinates are."""
+    """The place and the kind of the coordinates."""
     begin = _VERTICES.search(data)
     if begin is None:
         raise ValueError("there are no vertices")
@@ -182,7 +183,7 @@ def _coordinates(data: bytes) -> _Coordinates:
 
 
 def _boundary_nodes(elements: list[_Block], boundary: list[_Block], at: _Coordinates) -> list[Integers]:
-    """(m, k) of each block of the boundary: its vertices and what is between them."""
+    """(m, k) nodes of each block of the boundary: its vertices and the nodes between them."""
     found = [[nodes] for _, _, nodes in boundary]
     if at.order > 1:
         first = at.vertices
@@ -206,9 +207,10 @@ def _boundary_nodes(elements: list[_Block], boundary: list[_Block], at: _Coordin
 def _numbered(
     sides: dict[str, list[tuple[int, ...]]], counts: dict[int, int], blocks: list[_Block], n_elements: int
 ) -> tuple[list[list[tuple[Integers, int]]], int]:
-    """Of each block, for each local side: the first node (m,) on it and how many; and how many nodes are on all sides.
+    """For each block and local side: the first node (m,) on it and their number; and the number of nodes on all sides.
 
-    Sides are numbered as the elements name them first; the blocks behind ``n_elements`` are those of the boundary.
+    Sides are numbered in the order in which the elements first name them; the blocks after ``n_elements`` are those of
+    the boundary.
     """
     keys, places, sizes = [], [], []
     for number, (name, rows, nodes) in enumerate(blocks):

@@ -1,6 +1,6 @@
-"""Copies of mesh files in which only the coordinates are new: everything else stays as another program wrote it.
+"""Copies of mesh files in which only the coordinates are new: everything else stays as the other program wrote it.
 
-Coordinates are replaced where they stand: numbers in the rows of a text, values in a binary block, data sets of HDF5.
+Coordinates are replaced in place: numbers in the rows of a text, values in a binary block, data sets of HDF5.
 Text has as many digits as needed to be read as the same number again.
 """
 
@@ -27,16 +27,17 @@ _NUMBER = re.compile(rb"[^\s,()]+")
 
 @dataclass(frozen=True)
 class Place:
-    """Where the coordinates of the next ``count`` nodes stand in a file.
+    """The place of the coordinates of the next ``count`` nodes in a file.
 
     Attributes
     ----------
     first, stride : int
-        The first node's x, and how much further the next node's is: in bytes of the file, or in numbers of its text.
+        The place of the first node's x, and the distance to the next node's x: in bytes of the file, or in numbers of
+        its text.
     dtype : str
         Type of a binary coordinate.
     text : tuple of int
-        Where the text begins and ends, if it is text.
+        Begin and end of the text, if it is text.
     """
 
     count: int
@@ -58,9 +59,9 @@ def replaced(data: bytes, places: list[Place], points: Floats) -> bytes:
             np.ndarray(shape, place.dtype, content, place.first, strides)[:] = values
         else:
             texts.append((place, values))
-    texts.sort(key=lambda one: one[0].text, reverse=True)  # from the end: text changes its length
+    texts.sort(key=lambda one: one[0].text, reverse=True)  # from the end, because the text changes its length
     for (begin, end), group in groupby(texts, key=lambda one: one[0].text):
-        words = re.split(rb"(\s+)", data[begin:end])  # numbers and blanks in turn
+        words = re.split(rb"(\s+)", data[begin:end])  # alternating numbers and blanks
         ahead = 2 * (words[0] == b"")
         for place, values in group:
             for row, node in enumerate(values.tolist()):
@@ -78,7 +79,7 @@ def edit(source: Path, target: Path, change: Callable[[bytes], bytes]) -> None:
 
 
 def edit_lines(source: Path, target: Path, change: Callable[[list[bytes]], None]) -> None:
-    """Write ``source`` with changed lines; ``change`` gets them with their ends."""
+    """Write ``source`` with changed lines; ``change`` gets the lines with their ends."""
 
     def changed(data: bytes) -> bytes:
         lines = data.splitlines(keepends=True)
@@ -94,7 +95,8 @@ def move_rows(lines: list[bytes], first: int, points: Floats, *, column: int = 0
     Parameters
     ----------
     points : (n, d) array
-        The numbers ``column`` to ``column + d - 1`` of the rows, counted from 0. Other numbers of a row stay.
+        The numbers ``column`` to ``column + d - 1`` of the rows, counted from 0. Other numbers of a row are not
+        changed.
     comment : bytes
         Lines that begin so are no rows; nor are blank ones.
 
@@ -127,7 +129,7 @@ def move_rows(lines: list[bytes], first: int, points: Floats, *, column: int = 0
 
 @contextmanager
 def copied_hdf5(source: Path, target: Path) -> Iterator[Any]:
-    """A copy of an HDF5 file, open for changes; it has the name ``target`` once the block ends without an error."""
+    """A copy of an HDF5 file, open for changes; it gets the name ``target`` when the block ends without an error."""
     h5py = load_h5py(source)
     with replaced_by_name(target) as partial:
         shutil.copyfile(source, partial)

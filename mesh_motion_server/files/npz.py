@@ -1,7 +1,7 @@
 """The mesh format of this project: a NumPy archive, strict, without pickles.
 
 ``points`` (n, d) float64; ``cells_<type>`` (m, k) int64 for line, triangle, quad, tetra, hexahedron, wedge, pyramid;
-``patch_<name>`` (p,) int64 node ids, 0-based; of a partition also ``global_ids`` (n,) int64, its nodes' numbers in the
+``patch_<name>`` (p,) int64 node ids, 0-based; for a partition also ``global_ids`` (n,) int64, its nodes' numbers in the
 whole mesh. Other arrays are refused. Narrower floats and integers are widened.
 """
 
@@ -23,7 +23,8 @@ from mesh_motion_server.files.replace import replacing
 __all__ = ["NPZ", "read_archive", "read_npz", "read_points", "write_npz"]
 
 _T = TypeVar("_T", bound=np.generic)
-#: RuntimeError: encrypted; MemoryError, OverflowError: a header with more rows than fit in memory.
+#: Errors of damaged archives. RuntimeError: encrypted; MemoryError, OverflowError: a header with more rows than fit in
+#: memory.
 _DAMAGED = (ValueError, zipfile.BadZipFile, EOFError, KeyError, RuntimeError, MemoryError, OverflowError)
 _EXPECTED = "expected 'points', 'cells_<type>' and 'patch_<name>'"
 _IDS = "global_ids"
@@ -66,12 +67,12 @@ def write_npz(path: Path | str, mesh: MeshFile) -> None:
 
 
 def read_points(path: Path, shape: tuple[int, ...]) -> Floats:
-    """Coordinates of a ``.npy`` file, such as ``points.npy`` of a run.
+    """Read coordinates from a ``.npy`` file, such as ``points.npy`` of a run.
 
     Raises
     ------
     InvalidInput
-        If it is not such a file, or has other content than finite numbers of this shape.
+        If it is not such a file, or if its content is not finite numbers of this shape.
     """
     try:
         with path.open("rb") as file:
@@ -107,7 +108,7 @@ def read_archive(path: Path) -> dict[str, NDArray[np.generic]]:
 
 
 def _as(array: NDArray[np.generic], kinds: str, dtype: type[_T], what: str) -> NDArray[_T]:
-    """The array as ``dtype``; refuse kinds that do not fit without loss."""
+    """Return the array as ``dtype``; refuse kinds that cannot be converted without loss."""
     if array.dtype.kind not in kinds:
         wanted = "integers" if "f" not in kinds else "real numbers"
         raise InvalidInput(f"{what}: expected {wanted}, got dtype {array.dtype}", code="INVALID_ARGUMENT.DTYPE")

@@ -1,4 +1,4 @@
-"""Rows of what a file numbers: numbers may be sparse and in any order."""
+"""Rows of the numbered items of a file: numbers may be sparse and in any order."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ __all__ = ["NumberedRows"]
 
 @dataclass(frozen=True, eq=False)
 class NumberedRows:
-    """The row of each number; ``missing`` is the error for a number that is not there."""
+    """The row of each number; ``missing`` makes the error for a number that does not exist."""
 
     numbers: Integers  # (n,) ascending
     rows: Integers  # (n,)
@@ -20,12 +20,12 @@ class NumberedRows:
 
     @classmethod
     def of(cls, numbers: Integers, **more: str) -> NumberedRows:
-        """Of the numbers (n,) of all nodes.
+        """Build the table from the numbers (n,) of all nodes.
 
         Raises
         ------
         ValueError
-            If a number is there twice.
+            If a number occurs twice.
         """
         order = np.argsort(numbers, kind="stable")
         ascending = numbers[order]
@@ -34,12 +34,12 @@ class NumberedRows:
         return cls(ascending, order, **more)
 
     def __call__(self, named: Integers, what: str = "node") -> Integers:
-        """Rows of the numbers ``named``, in the shape of these.
+        """Return the rows of the numbers ``named``, in their shape.
 
         Raises
         ------
         ValueError
-            If a number is not there.
+            If a number does not exist.
         """
         places = np.searchsorted(self.numbers, named)
         known = places < len(self.numbers)

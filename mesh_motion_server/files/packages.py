@@ -1,4 +1,4 @@
-"""What readers of packed files share: the optional h5py (extra ``mesh``), what a file may hold, the text of errors."""
+"""Common parts of readers of packed files: the optional h5py (extra ``mesh``), byte limits, error texts."""
 
 from importlib import import_module
 from pathlib import Path
@@ -8,14 +8,14 @@ from mesh_motion_protocol.errors import InvalidInput
 
 __all__ = ["check_unpacked", "load_h5py", "most_unpacked", "reason_of"]
 
-#: A packed file may always hold so many bytes, and more if they are at most so many times those of the file. Packed
-#: meshes are 1.5 to 40 times as large; a file that is made to fill the memory, of zeros, 1000 times.
+#: Bytes that a packed file may always unpack to, and the factor of its own size that it may unpack to. Packed meshes
+#: unpack to 1.5 to 40 times their size; a file of zeros that is made to fill the memory, to 1000 times.
 _UNPACKED_BYTES = 1 << 30
 _UNPACKED_RATIO = 200
 
 
 def load_h5py(path: Path) -> Any:
-    """The module h5py; InvalidInput if it is not installed."""
+    """Return the module h5py; InvalidInput if it is not installed."""
     try:
         return import_module("h5py")
     except ImportError:
@@ -27,7 +27,7 @@ def load_h5py(path: Path) -> Any:
 
 
 def most_unpacked(packed: int) -> int:
-    """Bytes that a file of ``packed`` bytes may hold."""
+    """Largest number of bytes that a file of ``packed`` bytes may unpack to."""
     return max(_UNPACKED_BYTES, _UNPACKED_RATIO * packed)
 
 
@@ -37,7 +37,7 @@ def check_unpacked(path: Path, packed: int, unpacked: int) -> None:
     Raises
     ------
     InvalidInput
-        If ``unpacked`` bytes are more than a mesh in a file of ``packed`` bytes has.
+        If ``unpacked`` bytes are more than a mesh in a file of ``packed`` bytes can have.
     """
     if unpacked > most_unpacked(packed):
         raise InvalidInput(

@@ -1,6 +1,6 @@
 """A mesh cut into partitions: equal shares of its nodes along the Morton curve, and the cells that begin there.
 
-A cell belongs to the share of its first node on the curve. A partition has its cells and all nodes of these: a node
+A cell belongs to the share of its first node on the curve. A partition has its cells and all their nodes: a node
 between two partitions is in both, with one number in the whole mesh.
 """
 
@@ -22,10 +22,10 @@ __all__ = ["partitions", "write_partitions"]
 
 
 def partitions(mesh: MeshFile, count: int) -> Iterator[MeshFile]:
-    """Cut a mesh into ``count`` partitions; one after the other is made.
+    """Cut a mesh into ``count`` partitions, which are made one after the other.
 
-    Nodes are ascending by number in the mesh, cells are in its order. A patch has those of its nodes that the
-    partition has; it is left out where there are none. Nodes of no cell are left out.
+    Nodes are ascending by number in the mesh, cells are in its order. A patch has those of its nodes that are in the
+    partition; it is left out if there are none. Nodes that belong to no cell are left out.
 
     Raises
     ------
@@ -51,7 +51,7 @@ def partitions(mesh: MeshFile, count: int) -> Iterator[MeshFile]:
 
 
 def write_partitions(folder: Path, mesh: MeshFile, count: int) -> list[Path]:
-    """Write the partitions of a mesh to ``partition-000.npz`` and so on in a folder, which is made; their files.
+    """Write the partitions of a mesh to ``partition-000.npz`` and so on in a folder, which is made; return the files.
 
     Raises
     ------
@@ -67,13 +67,13 @@ def write_partitions(folder: Path, mesh: MeshFile, count: int) -> list[Path]:
 
 
 def _first_on_curve(nodes: Integers, place: Integers) -> Integers:
-    """(m,) the node of each cell (m, k) that is first on the curve."""
+    """(m,) for each cell (m, k) its first node on the curve."""
     first: Integers = np.take_along_axis(nodes, place[nodes].argmin(axis=1)[:, None], axis=1)[:, 0]
     return first
 
 
 def _partition(mesh: MeshFile, cells: dict[str, Integers]) -> MeshFile:
-    """The part of a mesh that has some cells, and their nodes."""
+    """The part of a mesh with the given cells and their nodes."""
     held = np.zeros(len(mesh.points), dtype=np.bool_)
     for nodes in cells.values():
         held[nodes] = True

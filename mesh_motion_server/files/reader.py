@@ -1,4 +1,4 @@
-"""One reader for every mesh file. What a file begins with decides on its format; its suffix, where that is unknown."""
+"""One reader for every mesh file. The beginning of a file decides on its format; if it is unknown, the suffix."""
 
 from pathlib import Path
 
@@ -47,10 +47,10 @@ def read_mesh(path: Path | str, zone: str = "") -> MeshFile:
 
 
 def format_of(path: Path) -> Format:
-    """The format of a file or folder.
+    """Return the format of a file or folder.
 
-    A file whose beginning fits no format has that of its suffix, if one format alone has it: its reader says what is
-    wrong. So has a folder that fits none: OpenFOAM's.
+    A file whose beginning fits no format gets the format of its suffix, if only one format has this suffix: its reader
+    then says what is wrong. A folder that fits no format gets OpenFOAM's.
 
     Raises
     ------

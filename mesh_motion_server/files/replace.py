@@ -21,7 +21,7 @@ def require_file_place(path: Path) -> None:
     ResourceExhausted
         If the folder is not writable.
     """
-    folder = path.resolve().parent  # a link stays a link; its target is replaced
+    folder = path.resolve().parent  # a link is kept; its target is replaced
     if path.is_dir():
         raise InvalidInput(f"{path}: a folder, where a file is to be written", hint="name a file in it")
     if not folder.is_dir():
@@ -55,7 +55,7 @@ def replacing(path: Path) -> Iterator[BinaryIO]:
 
 @contextmanager
 def replaced_by_name(path: Path) -> Iterator[Path]:
-    """The same for libraries that open files themselves: yields the temporary name. A link stays a link."""
+    """The same for libraries that open files themselves: yields the temporary name. A link is kept."""
     path = path.resolve()
     partial = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:

@@ -1,4 +1,4 @@
-"""Sides of elements by their numbers, as programs of finite elements name them; also of elements of higher order."""
+"""Sides of elements by their numbers, as finite-element programs number them; also for elements of higher order."""
 
 from collections.abc import Sequence
 from itertools import combinations
@@ -9,7 +9,7 @@ from mesh_motion_numerics.mesh.cells import CELL_TYPES
 
 __all__ = ["ABAQUS", "EXODUS", "PLANES", "SHELLS", "SOLIDS", "side_nodes"]
 
-#: Our type of elements with so many nodes, of first and second order.
+#: Our type of elements with this number of nodes, of first and second order.
 SOLIDS = {4: "tetra", 10: "tetra", 8: "hexahedron", 20: "hexahedron", 27: "hexahedron", 6: "wedge", 15: "wedge",
           5: "pyramid", 13: "pyramid"}  # fmt: skip
 PLANES = {3: "triangle", 6: "triangle", 4: "quad", 8: "quad", 9: "quad"}
@@ -25,7 +25,7 @@ EXODUS: Sides = {
     "wedge": ((1, 2, 5, 4), (2, 3, 6, 5), (1, 4, 6, 3), (1, 3, 2), (4, 5, 6)),
     "pyramid": ((1, 2, 5), (2, 3, 5), (3, 4, 5), (1, 5, 4), (1, 4, 3, 2)),
 }
-#: The same of shells: their two faces come before their edges.
+#: The same for shells: their two faces come before their edges.
 SHELLS: Sides = {name: (faces := tuple(range(1, len(edges) + 1)), faces, *edges) for name, edges in _FLAT.items()}
 #: CalculiX's manual, *SURFACE, the same as Abaqus'.
 ABAQUS: Sides = {
@@ -66,7 +66,7 @@ def side_nodes(points: Floats, name: str, nodes: Integers, sides: Integers, tabl
 
 
 def _between(points: Floats, name: str, first: Integers) -> dict[int, set[int]]:
-    """The corners of the edge, side or element in whose middle each local node beyond the corners is.
+    """For each local node beyond the corners: the corners of the edge, side or element in whose middle it is.
 
     Programs count these nodes in different orders, so the nearest middle in the first element decides.
     """

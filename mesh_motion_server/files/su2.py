@@ -30,7 +30,7 @@ __all__ = ["SU2", "read_su2"]
 #: Name and number of nodes of each SU2 type number (the same as in VTK); a marker may also have vertices.
 _CELLS = {cell_type.vtk: (cell_type.name, cell_type.n_nodes) for cell_type in CELL_TYPES.values()}
 _FACETS = {1: ("", 1), **_CELLS}
-#: A marker of releases before 7: nodes of another processor's part, or of images beyond a periodic side.
+#: A marker of releases before 7: nodes of another processor's part, or images beyond a periodic side.
 _HALO = "SEND_RECEIVE"
 _UNNAMED = "unnamed"
 
@@ -184,7 +184,7 @@ def _columns(rows: _Rows, columns: Sequence[int], dtype: type[np.generic]) -> ND
     if not rows or not columns:  # loadtxt warns in both cases
         return np.empty((len(rows), len(columns)), dtype=dtype)
     try:
-        with warnings.catch_warnings(action="error", category=DeprecationWarning):  # NumPy < 2.3: 1.5 is an integer
+        with warnings.catch_warnings(action="error", category=DeprecationWarning):  # NumPy < 2.3 accepts 1.5
             return np.loadtxt(rows, dtype=dtype, comments=None, usecols=columns, ndmin=2)
     except (ValueError, DeprecationWarning) as error:
         for row in rows if len(rows) > 1 else ():  # find the wrong row

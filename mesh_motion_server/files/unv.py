@@ -21,16 +21,16 @@ from mesh_motion_server.files.numbering import NumberedRows
 
 __all__ = ["UNV"]
 
-#: Nodes of each dataset: the lines of a node.
+#: Nodes of each dataset: number of lines per node.
 _NODE_LINES = {15: 1, 781: 2, 2411: 2}
-#: Elements: how many numbers are in the first line.
+#: Elements: number of numbers in the first line.
 _ELEMENT_WORDS = {780: 8, 2412: 6}
-#: Groups: how many numbers an entity has, its type and its number first.
+#: Groups: number of numbers for each entity; its type and its number come first.
 _GROUP_WORDS = {2417: 2, 2429: 2, 2430: 2, 2432: 2, 2435: 4, 2452: 4, 2467: 4, 2477: 4}
 _NODES, _ELEMENTS = 7, 8
-#: A beam has a line of its own before its nodes.
+#: A beam has an additional line before its nodes.
 _BEAMS = (11, 21, 22, 23, 24)
-#: Our type, and where the corners are, by descriptor: a ring of second order is corner, middle, corner, middle, ….
+#: Our type, and the places of the corners, by descriptor: a ring of second order is corner, middle, corner, middle, ….
 _FLAT = {1: ("triangle", [0, 1, 2]), 2: ("triangle", [0, 2, 4]), 4: ("quad", [0, 1, 2, 3]), 5: ("quad", [0, 2, 4, 6])}
 _SHAPES = {
     11: ("line", [0, 1]),
@@ -48,7 +48,7 @@ _SHAPES = {
     116: ("hexahedron", [0, 2, 4, 6, 12, 14, 16, 18]),
 }
 _POINTS = (136, 137, 138, 139, 151, 152, 161)  # springs, gaps, masses
-#: A dataset is between lines of -1; the first number in it says what it is.
+#: A dataset is between lines of -1; its first number is its type.
 _FENCE = "-1"
 
 
@@ -68,7 +68,7 @@ def _read(path: Path) -> MeshFile:
     Raises
     ------
     InvalidInput
-        For unknown elements, numbers of what is not there, and malformed datasets; names the dataset and the line.
+        For unknown elements, missing numbers, and malformed datasets; names the dataset and the line.
     """
     try:
         return _mesh(path, _content(path.read_text(encoding="utf-8", errors="replace").splitlines()))
@@ -77,7 +77,7 @@ def _read(path: Path) -> MeshFile:
 
 
 def _datasets(lines: list[str]) -> Iterator[tuple[int, int, int]]:
-    """Number, first line, and line behind the last, of each dataset."""
+    """Yield number, first line, and line after the last, of each dataset."""
     fences = [place for place, line in enumerate(lines) if line.strip() == _FENCE]
     if len(fences) % 2:
         raise ValueError(f"the dataset in line {fences[-1] + 1} does not end")
@@ -192,7 +192,7 @@ def _mesh(path: Path, found: _Content) -> MeshFile:
 
 
 def _move(source: Path, target: Path, points: Floats) -> None:
-    """Write the file with other coordinates of the nodes; in double precision, as dataset 2411, where it was short."""
+    """Write the file with other coordinates of the nodes; short ones in double precision, as dataset 2411."""
 
     def change(lines: list[bytes]) -> None:
         text = [line.decode("utf-8", errors="replace") for line in lines]

@@ -1,4 +1,4 @@
-"""Writing a mesh: as this project's archive, as VTU for ParaView, or as its own file with the nodes moved."""
+"""Writing a mesh: as this project's archive, as VTU for ParaView, or in its own format with moved nodes."""
 
 from pathlib import Path
 

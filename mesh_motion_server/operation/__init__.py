@@ -1,4 +1,4 @@
-"""What an operator needs of a running server: counts, readiness, free disk and memory, its service manager.
+"""Operating a running server: counts, readiness, free disk and memory, the service manager.
 
 Values and functions without sockets, except the one datagram of :mod:`.service_manager`; :mod:`..transport.watch` and
 :mod:`..transport.monitor` show them.

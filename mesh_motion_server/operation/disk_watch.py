@@ -1,5 +1,5 @@
-"""The free room on the disk, read in a thread: a disk that does not answer, such as a network mount whose server is
-away, blocks only that thread.
+"""The free room on the disk, read in a thread: if a disk does not answer (a network mount without its server), only
+that thread is blocked.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class DiskWatch:
         return self._room
 
     def ask(self) -> None:
-        """Start a question unless the last one is still open; returns at once."""
+        """Start a question unless the last one is still open; return at once."""
         if self._asked_at is not None:
             return
         self._answered.clear()
@@ -53,7 +53,7 @@ class DiskWatch:
         try:
             threading.Thread(target=self._wait_for_it, name="disk", daemon=True).start()
         except RuntimeError:
-            self._asked_at = None  # no memory for a thread: the last answer stays
+            self._asked_at = None  # without memory for a thread, the last answer is kept
             self._answered.set()
 
     def _wait_for_it(self) -> None:

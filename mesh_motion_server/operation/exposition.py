@@ -73,7 +73,7 @@ def exposition(totals: dict[str, Any], gauges: Iterable[tuple[str, str, float]],
     Parameters
     ----------
     totals : dict
-        What the supervisor's tally holds, as :meth:`.Tally.take` gives it.
+        The content of the supervisor's tally, as :meth:`.Tally.take` returns it.
     gauges : iterable of (name, label, value)
     build : dict
         Labels of build_info.

@@ -1,7 +1,7 @@
 """Every metric by name: what it counts, its unit and its label. No other metric is shown.
 
-No metric says anything about one session: no ids, labels, users, paths or coordinates, and no label has values that a
-client chooses.
+No metric has data about a single session: no ids, labels, users, paths or coordinates. No label of a metric has values
+that a client chooses.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What prevents a server from taking new sessions: one line, empty if nothing does."""
+"""The condition that prevents a server from taking new sessions: one line, empty if there is none."""
 
 from __future__ import annotations
 

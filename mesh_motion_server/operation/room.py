@@ -79,7 +79,7 @@ def _control_groups(proc: Path, cgroups: Path) -> Iterator[int | None]:
             top = cgroups / "memory"
         else:
             continue
-        # in a container the path is that of the host or "/": then the top folder is the container's own group
+        # in a container the path is the host's path or "/": then the top folder is the container's own group
         group = top / path.strip("/")
         for folder in {top, *(above for above in (group, *group.parents) if above.is_relative_to(top))}:
             yield _left_in(folder, *names)
@@ -89,7 +89,7 @@ def _left_in(group: Path, limit_name: str, usage_name: str, reclaimable_name: st
     """Return the limit minus the usage, without pages that can be dropped at once."""
     limit, usage = _read(group / limit_name).strip(), _read(group / usage_name).strip()
     if not (limit.isdigit() and usage.isdigit()):
-        return None  # "max", or there is no such group here
+        return None  # "max", or this level has no such group
     statistics = dict(line.split()[:2] for line in _read(group / "memory.stat").splitlines())
     return int(limit) - int(usage) + int(statistics.get(reclaimable_name, 0))
 

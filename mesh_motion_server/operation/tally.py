@@ -2,7 +2,7 @@
 
 Each process has one :data:`TALLY`. Workers and the gateway send theirs as differences (:meth:`Tally.take`), which the
 supervisor adds to its own. So a total never decreases, and the end of a worker loses only counts that it had not sent.
-A session that stores its commits after their answers counts from two threads, so there is a lock.
+A session that stores its commits after the answers counts from two threads; therefore there is a lock.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Who may do what: roles and their rights (:mod:`.authorisation`), and who has which role (:mod:`.allow_list`).
+"""Rights of users: roles and their rights (:mod:`.authorisation`), and the roles of each key (:mod:`.allow_list`).
 
-Values and one file; the sockets that ask are in :mod:`mesh_motion_server.transport`.
+This package has only values and one file; the sockets are in :mod:`mesh_motion_server.transport`.
 """

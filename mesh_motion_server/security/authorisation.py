@@ -1,8 +1,8 @@
-"""Which role may make which request, on its own session and on another user's: one table.
+"""The rights of each role: which requests it may make on its own session and on another user's session, in one table.
 
 SPEC.md shows it, and a test checks every cell over real sockets. A user with several roles has the best right of all of
-them. A key on no allow-list has no role: it does not get a connection, and a removed key is answered UNAUTHENTICATED
-from its next request on.
+them. A key that is not on the allow-list has no role and gets no connection. A removed key gets the answer
+UNAUTHENTICATED from its next request on.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ __all__ = ["MATRIX", "NO_SESSION", "ROLES", "Role", "Verdict", "decide", "not_fo
 
 
 class Role(StrEnum):
-    """What a key is for."""
+    """The purpose of a key."""
 
     OWNER = "owner"
     MONITOR = "monitor"
@@ -31,7 +31,8 @@ class Verdict(Enum):
     USE
         Allowed, if the session's token (PROBE, RESUME, JOIN) or an earlier JOIN permits it too.
     OVERSEE
-        Taken without token and JOIN: PROBE, and STATUS without coordinates, are answered; CLOSE ends the whole session.
+        Allowed without token and JOIN: PROBE, and STATUS without coordinates, are answered; CLOSE ends the whole
+        session.
     DENIED, HIDDEN, UNKNOWN
         Answered with this code; HIDDEN as if there were no such session.
     """
@@ -44,13 +45,13 @@ class Verdict(Enum):
 
 
 ROLES = frozenset(role.value for role in Role)
-#: Requests that concern no session; their two cells are equal.
+#: Requests that concern no session; their two columns are equal.
 NO_SESSION = frozenset({"HELLO", "PING", "OPEN"})
 
 _YES, _SEES, _NO, _HID = Verdict.USE, Verdict.OVERSEE, Verdict.DENIED, Verdict.HIDDEN
 _ARRAYS = ("JOIN", "UPLOAD", "BUILD", "MOVE", "TANGENT", "COTANGENT", "JUDGE", "CORRECT", "COMMIT", "ROLLBACK", "FETCH")
 
-#: Role → request → (of an own session, of another's). LIST: whether the session is in the list.
+#: Role → request → (verdict on an own session, on another user's). LIST: whether the session is in the list.
 MATRIX: dict[Role, dict[str, tuple[Verdict, Verdict]]] = {
     Role.OWNER: {
         "HELLO": (_YES, _YES), "PING": (_YES, _YES), "OPEN": (_YES, _YES), "LIST": (_YES, _HID),

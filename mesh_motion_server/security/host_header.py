@@ -1,4 +1,4 @@
-"""The Host header of an HTTP request: a page of another site, whose name resolves to this machine, is refused by it."""
+"""The Host header of an HTTP request: it refuses pages of other sites whose name resolves to this machine."""
 
 import ipaddress
 

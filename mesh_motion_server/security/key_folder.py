@@ -5,7 +5,7 @@
     SERVER FOLDER/                 0700
         server.secret              0600: stays on the server's machine
         server.public              for the clients
-        allow.toml                 which client keys are admitted, as what
+        allow.toml                 the admitted client keys with their roles
     CLIENT FOLDER/                 0700
         NAME.secret                0600: stays on the client's machine
         NAME.public                for the server's operator
@@ -96,7 +96,7 @@ def admit(public: str, folder: Path, *, name: str = "", roles: Sequence[str] = (
     public : str
         A file with a public key, or the key itself.
     folder : Path
-        The server's.
+        The server's folder of keys.
     name : str, optional
         Default: the name in the file.
     roles : sequence of str, optional

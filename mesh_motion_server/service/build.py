@@ -22,9 +22,9 @@ def check(session: Session, request: Build) -> Build:
 
 
 def run(session: Session, requests: Sequence[Build]) -> list[Built]:
-    """Build, and send each partition which of its nodes it has to move; or ask for the cells near moving walls."""
+    """Build; reply to each partition which of its nodes it must move, or request the cells near moving walls."""
     reaches = [request.reach for request in requests if request.reach is not None]
-    if len(reaches) == len(requests):  # a partition that sends no such cells has the session without layers
+    if len(reaches) == len(requests):  # a partition that sends no such cells gets a session without layers
         session.require_client_evaluation()
         needed, wall = session.needed_for_layers(reaches)
         if needed:
@@ -51,7 +51,7 @@ def run(session: Session, requests: Sequence[Build]) -> list[Built]:
 
 
 def _without_layers(session: Session, reaches: Sequence[float | None]) -> list[str]:
-    """A warning if no layer can be carried for want of what a partition sends; it may belong to an older client."""
+    """A warning if no layer can be carried because a partition does not send its cells; it may have an older client."""
     spec = session.spec
     if spec.evaluation == "server" or spec.dimension == 1 or spec.settings.to_method().correction != "smooth":
         return []
@@ -64,7 +64,7 @@ def _without_layers(session: Session, reaches: Sequence[float | None]) -> list[s
 
 
 def _asking(request: Build, reach: float, wall: Floats) -> Built:
-    """Nothing is built yet: the cells about the nodes within a reach of the wall (f, d, d) are needed."""
+    """A reply without a build: the cells at nodes within a reach of the wall (f, d, d) are needed."""
     return Built(
         client=request.client,
         sequence=request.sequence,

@@ -15,7 +15,7 @@ OUTCOMES = ("keep", "discard")
 
 
 def answer(session: Session, request: Close) -> Closed:
-    """Check the request and make the state durable that is to be kept; this is the last durable step.
+    """Check the request and, if the session is kept, make its state durable; this is the last durable step.
 
     Raises
     ------

@@ -38,10 +38,10 @@ class Collective:
     Attributes
     ----------
     check : callable
-        (session, request) → what ``run`` gets of the request, which is read once, before it waits for the other
-        partitions; raises if it is invalid.
+        (session, request) → the data for ``run``. The request is read once, before it waits for the other partitions;
+        raises if it is invalid.
     run : callable
-        (session, what ``check`` gave by partition) → replies by partition.
+        (session, results of ``check`` by partition) → replies by partition.
     """
 
     check: Callable[[Session, Any], Any]
@@ -49,5 +49,5 @@ class Collective:
 
 
 def id_of(request: SessionMessage) -> RequestId:
-    """What a repeat of the request is known by."""
+    """The id by which a repeat of the request is recognised."""
     return RequestId(request.client, request.sequence, request_digest(request))

@@ -54,8 +54,8 @@ def run(session: Session, requests: Sequence[CommitRequest]) -> list[Committed]:
 
 
 def replies_of(commit: Commit) -> list[tuple[RequestId, Committed]]:
-    """The replies to a journaled commit, with the request that each one answers."""
+    """Make the replies to a journaled commit, with the request that each one answers."""
     content = msgpack.unpackb(commit.receipt)
-    for name in ("final_step", "corrected", "times"):  # no part of the reply
+    for name in ("final_step", "corrected", "times"):  # not a part of the reply
         content.pop(name, None)
     return [(r, Committed(client=r.client, sequence=r.sequence, **content)) for r in commit.requests]

@@ -1,4 +1,4 @@
-"""CORRECT: the ranks of a client send the bad cells; the session corrects them, or asks for more."""
+"""CORRECT: the ranks of a client send the bad cells; the session corrects them, or requests more cells."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def check(session: Session, request: Correct) -> tuple[Correct, Region]:
     SessionError
         FAILED_PRECONDITION.STATE or .STEP; ABORTED.TRIAL_LOST.
     InvalidInput
-        If the fields do not fit together.
+        If the fields are inconsistent.
     """
     session.require_client_evaluation()
     session.admit(Operation.CORRECT if request.what == "trial" else Operation.FETCH)
@@ -31,7 +31,7 @@ def check(session: Session, request: Correct) -> tuple[Correct, Region]:
 
 
 def run(session: Session, parts: Sequence[tuple[Correct, Region]]) -> list[Corrected]:
-    """Correct the region, or ask for a larger one."""
+    """Correct the region, or request a larger one."""
     found = session.correct(parts[0][0].what, [region for _, region in parts])
     reply: dict[str, Any] = {
         "region": {} if found.extent is None else found.extent.as_plain(),

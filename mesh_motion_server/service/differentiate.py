@@ -43,7 +43,7 @@ def check_cotangent(session: Session, request: Cotangent) -> Cotangent:
 
 
 def tangent(session: Session, requests: Sequence[Tangent]) -> list[TangentFound]:
-    """Velocities of all nodes."""
+    """Reply with the velocities of all nodes."""
     given = [np.asarray(one.velocity, dtype=np.float64) for one in requests]
     if session.spec.evaluation == "client":
         return _tangent_of_field(session, requests, given)
@@ -52,7 +52,7 @@ def tangent(session: Session, requests: Sequence[Tangent]) -> list[TangentFound]
 
 
 def cotangent(session: Session, requests: Sequence[Cotangent]) -> list[CotangentFound]:
-    """Weights of the moving nodes."""
+    """Reply with the weights of the moving nodes."""
     given = [np.asarray(one.weights, dtype=np.float64) for one in requests]
     if session.spec.evaluation == "client":
         found = session.field_cotangent(requests[0].what, _of_field(session, requests, given))
@@ -77,7 +77,7 @@ def _tangent_of_field(session: Session, requests: Sequence[Tangent], given: list
 
 
 def _of_field(session: Session, requests: Sequence[Cotangent], given: list[Floats]) -> FieldCotangent:
-    """The sums of what the partitions send."""
+    """Add up the arrays that the partitions send."""
     first, mesh = requests[0], session.mesh
     rows = [session.field_rows(one.partition) for one in requests]
     whole = session.field("reference")
@@ -98,7 +98,7 @@ def _of_field(session: Session, requests: Sequence[Cotangent], given: list[Float
 
 
 def _check_of_field(session: Session, request: Cotangent) -> None:
-    """Check what the weights of the nodes that are with the client have come as."""
+    """Check the weights of the nodes that only the client has."""
     if request.coefficients is None:
         raise InvalidInput(
             "evaluation = 'client': COTANGENT has no coefficients",
@@ -122,7 +122,7 @@ def _check_of_field(session: Session, request: Cotangent) -> None:
 
 
 def _at(session: Session, request: Tangent | Cotangent) -> dict[str, Any]:
-    """The fields of a reply that say where the derivative is."""
+    """The fields of a reply that name the state of the derivative."""
     iteration = session.iteration if request.what == "trial" else 0
     return {"client": request.client, "sequence": request.sequence, "step": session.step, "iteration": iteration}
 

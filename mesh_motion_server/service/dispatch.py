@@ -1,12 +1,13 @@
 """Takes a request and returns its replies: the whole server without a socket.
 
-:class:`SessionHost` holds one session in one worker process. Transport hands it each decoded request as an
-:class:`Envelope` and sends the envelopes it returns; in-process users call :meth:`SessionHost.handle` themselves.
-It is single-threaded: one call at a time.
+:class:`SessionHost` holds one session in one worker process. The transport gives it each decoded request as an
+:class:`Envelope` and sends the returned envelopes; in-process users call :meth:`SessionHost.handle` directly. It is
+single-threaded: one call at a time.
 
 The checks of a request, in this order: session, partition and epoch (ABORTED.FENCED); whether its peer has joined
 (UNAUTHENTICATED); whether it was made before (the stored reply, or ABORTED.CONFLICT or .STALE); whether it already
-waits; then its command checks state and content. A collective request waits until all partitions have made it.
+waits; then the request's command checks state and content. A collective request waits until all partitions have sent
+it.
 """
 
 from __future__ import annotations
@@ -101,7 +102,7 @@ class SessionHost:
         build_model: ModelBuilder = build_motion_model,
         progress: Progress = silent,
     ) -> SessionHost:
-        """Open a stored session at its last committed step under a new epoch; calls ``progress`` per recomputed step.
+        """Open a stored session at its last committed step under a new epoch; call ``progress`` per recomputed step.
 
         Raises
         ------
@@ -135,7 +136,7 @@ class SessionHost:
 
     @property
     def partitions(self) -> int:
-        """How many partitions have to join."""
+        """Number of partitions that must join."""
         return self._session.spec.partitions
 
     @property
@@ -166,7 +167,7 @@ class SessionHost:
     # --- what it does ----------------------------------------------------------------------------------------------
 
     def handle(self, envelope: Envelope) -> list[Envelope]:
-        """Return the replies that are due because of this request; an error is also a reply."""
+        """Return the replies that can be sent after this request; an error is also a reply."""
         return self._answered(envelope, self._handle)
 
     def oversee(self, envelope: Envelope) -> list[Envelope]:
@@ -202,7 +203,7 @@ class SessionHost:
         epoch = self._session.resume()
         self._holders.clear()
         self._execution.forget_waiting()
-        self._discard = False  # a new holder does not inherit the choice of the earlier ones, as in a new process
+        self._discard = False  # a new holder does not inherit the choice of earlier holders, as in a new process
         self._recorder.resumed()
         return epoch
 
@@ -226,7 +227,7 @@ class SessionHost:
             return
         self._execution.forget_waiting()
         self._session.close()
-        with contextlib.suppress(ResourceExhausted):  # the next start sweeps what is left of it
+        with contextlib.suppress(ResourceExhausted):  # the next start removes the rest
             self._delete_unless_kept(discard=False)
 
     # --- inside ----------------------------------------------------------------------------------------------------
@@ -281,14 +282,14 @@ class SessionHost:
         reply = close.answer(self._session, request)
         discard = self._discard or request.outcome == "discard"
         if not others:
-            self._delete_unless_kept(discard=discard)  # first: if the disk refuses, nothing has changed
+            self._delete_unless_kept(discard=discard)  # first, because nothing has changed if the disk refuses
         self._discard = discard
         replies = self._execution.abandon(
             SessionError(f"partition {request.partition} closed the session", code="ABORTED", hint="ask STATUS")
         )
         self._holders.leave(request.partition)
         if not others:
-            self.closed = True  # also if the rest fails: no client can join a closed session, so the process has to end
+            self.closed = True  # even if the rest fails: no client can join a closed session, so the process must end
             failpoint("request.close.left")
             self._holders.clear()
             if not discard and self._session.is_built:

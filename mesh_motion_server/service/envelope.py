@@ -1,4 +1,4 @@
-"""A message with the peer it came from or goes to."""
+"""A message with its sender or its receiver."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ __all__ = ["Envelope"]
 
 @dataclass(frozen=True)
 class Envelope:
-    """A message and the peer it came from or goes to.
+    """A message with its sender or its receiver, the peer.
 
     Attributes
     ----------

@@ -18,7 +18,7 @@ def error_reply(
     state: str = "",
     further: Mapping[str, Any] | None = None,
 ) -> ErrorReply:
-    """Make the reply to what raised ``error``; ``further`` is added to the error's own details."""
+    """Make the reply to the request that raised ``error``; ``further`` is added to the error's own details."""
     known = error_code(error.code)
     return ErrorReply(
         client=request.client,

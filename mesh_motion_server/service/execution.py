@@ -37,7 +37,7 @@ COMMANDS: dict[str, Single | Collective] = {
     "ROLLBACK": Collective(rollback.check, rollback.run),
 }
 
-#: Size of a stored reply without its arrays.
+#: Bytes that a stored reply takes without its arrays.
 _HEADER_BYTES = 4096
 
 
@@ -98,7 +98,7 @@ class Execution:
         """Let the request wait for the other partitions, or run the command if it is the last one."""
         gathering = self._gathering
         if gathering is not None and gathering.repeats(arrival):
-            # the reply goes to the latest sender, and the first arrays may lie in memory that is given back
+            # the reply goes to the latest sender, and the first arrays may be in memory that is given back
             again = replace(arrival, checked=command.check(self._session, arrival.request))
             gathering.arrivals[arrival.request.partition] = again
             return []
@@ -153,7 +153,7 @@ class Execution:
             replies = run()
             failpoint("request.unstored")
         except Exception as error:
-            self._session.upload.back_to(parts)  # a refused part may be sent again under another id
+            self._session.upload.back_to(parts)  # a refused part may be sent again with another id
             return self._failed(arrivals, known_error(error))
         seconds = time.perf_counter() - started
         for arrival, reply in zip(arrivals, replies, strict=True):

@@ -37,7 +37,7 @@ def failure_reply(request: Message, error: MeshMotionError, session: Session) ->
 
 
 def _where(error: MeshMotionError, session: Session) -> dict[str, Any]:
-    """The fraction of a refused motion that is accepted, and its worst cells."""
+    """The accepted fraction of a refused motion, and its worst cells."""
     if not isinstance(error, QualityRefused):
         return {}
     worst = worst_places(error.cells, session.mesh) if session.is_built else []

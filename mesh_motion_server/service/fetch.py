@@ -13,7 +13,7 @@ __all__ = ["answer"]
 
 
 def answer(session: Session, request: Fetch) -> Fetched:
-    """Committed or reference coordinates, in the order of the partition's upload.
+    """Reply with committed or reference coordinates, in the order of the partition's upload.
 
     Raises
     ------

@@ -18,7 +18,7 @@ _COMMON = ("step", "frame", "time", "questions", "what")
 
 @dataclass(frozen=True, eq=False)
 class Arrival:
-    """One partition's request: its sender, its content, its id, and what the command's check made of it."""
+    """One partition's request: its sender, its content, its id, and the result of the command's check."""
 
     peer: bytes
     request: SessionMessage
@@ -27,7 +27,7 @@ class Arrival:
 
 
 def agreement(request: SessionMessage) -> tuple[tuple[str, object], ...]:
-    """What the requests of all partitions must have in common: type, and what else of it is the same for all."""
+    """The values that the requests of all partitions must have in common: the type, and further fields."""
     common = [name for name in _COMMON if hasattr(request, name)] + (["velocity"] if isinstance(request, Move) else [])
     return (("type", request.type), *((name, getattr(request, name)) for name in common))
 
@@ -41,7 +41,7 @@ class Gathering:
     deadline : float
         On the host's clock.
     arrivals : dict
-        By partition.
+        The requests by partition.
     """
 
     partitions: int

@@ -1,4 +1,4 @@
-"""Who may send requests for a partition: the peer that joined it last, under the current epoch."""
+"""The rights to send requests for a partition: only the peer that joined it last, under the current epoch."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ class Holders:
         return peer in self._peers.values()
 
     def join(self, peer: bytes, partition: int) -> None:
-        """From now on the peer holds the partition."""
+        """Make the peer the holder of the partition."""
         self._peers[partition] = peer
 
     def leave(self, partition: int) -> None:

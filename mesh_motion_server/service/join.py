@@ -15,12 +15,12 @@ from mesh_motion_server.session.session import Session
 __all__ = ["answer"]
 
 
-#: What the header of JOINED has room for (``max_container_items``, ``max_header_bytes``).
+#: Space in the header of JOINED (``max_container_items``, ``max_header_bytes``).
 _MOST_PATCHES, _MOST_NAME_BYTES = 256, 1 << 15
 
 
 def answer(session: Session, request: Join) -> Joined:
-    """Check the token; reply with the state of the session and what the partition needs.
+    """Check the token; reply with the state of the session and the data that the partition needs.
 
     Raises
     ------
@@ -49,7 +49,7 @@ def answer(session: Session, request: Join) -> Joined:
 
 
 def _named(patches: Mapping[str, Integers]) -> dict[str, Any]:
-    """The fields of JOINED for the moving patches of a partition; none where their names are too many for a header."""
+    """The fields of JOINED for the moving patches of a partition; none if their names do not fit into a header."""
     if len(patches) > _MOST_PATCHES or sum(len(name.encode()) for name in patches) > _MOST_NAME_BYTES:
         return {}
     return {

@@ -1,4 +1,4 @@
-"""JUDGE: the ranks of a client send the quality of their cells; the session adds up, and accepts the trial or not."""
+"""JUDGE: a client's ranks send the quality of their cells; the session adds up, and accepts or refuses the trial."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def check(session: Session, request: Judge) -> tuple[Judge, RankReport]:
     SessionError
         FAILED_PRECONDITION.STATE or .STEP; ABORTED.TRIAL_LOST.
     InvalidInput
-        If the fields do not fit together.
+        If the fields are inconsistent.
     """
     session.require_client_evaluation()
     session.admit(Operation.JUDGE)
@@ -39,7 +39,7 @@ def check(session: Session, request: Judge) -> tuple[Judge, RankReport]:
 
 
 def run(session: Session, reports: Sequence[tuple[Judge, RankReport]]) -> list[Judged]:
-    """Add up what the partitions send, and judge the trial; or ask for more."""
+    """Add up the parts of all partitions, and judge the trial; or request more data."""
     mesh, method = session.mesh, session.model.method
     reply: dict[str, Any] = {"questions": [], "quality": {}, "reached": False, "warnings": []}
     try:

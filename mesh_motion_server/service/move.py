@@ -30,7 +30,7 @@ __all__ = ["FRAMES", "check", "of_all", "run"]
 #: Displacements count from the committed state, or from the reference mesh.
 FRAMES = ("committed", "reference")
 _WITH_HEADROOM = ("faces", "headroom")
-#: Limit of a displacement in extents of the mesh: beyond it cells are lost in rounding, and further on sizes overflow.
+#: Limit of a displacement in extents of the mesh: beyond it cells are lost in rounding, and still larger ones overflow.
 _FARTHEST = 1e12
 
 
@@ -104,7 +104,10 @@ def run(session: Session, requests: Sequence[Move]) -> list[Moved]:
 
 
 def of_all(replies: Sequence[Message]) -> Message:
-    """The first partition's reply; MOVED with what any has asked for, a headroom in steps, which alerts know, first."""
+    """One reply for all partitions: the first one; for MOVED with the requested reports of any partition.
+
+    A headroom in steps is preferred, because alerts use it.
+    """
     moved = [reply for reply in replies if isinstance(reply, Moved)]
     if not moved:
         return replies[0]
@@ -114,7 +117,7 @@ def of_all(replies: Sequence[Message]) -> Message:
 
 
 def _field_of(session: Session, outcome: MoveOutcome, request: Move) -> dict[str, Any]:
-    """What the partition needs of the field, if the client evaluates it."""
+    """The data of the field that the partition needs, if the client evaluates the field."""
     field = session.field_part(outcome.field, request.partition)
     if field is None:
         return {}
@@ -122,7 +125,7 @@ def _field_of(session: Session, outcome: MoveOutcome, request: Move) -> dict[str
 
 
 def _check_at_client(request: Move) -> None:
-    """Check that the MOVE asks for nothing that takes the volume or the way to the committed state."""
+    """Check that the MOVE requests nothing for which the volume or the way to the committed state is needed."""
     for name, expected, way_out in (
         ("frame", "reference", "send the total displacement, since the reference mesh"),
         ("report", "", "measure the faces where the cells are"),
@@ -139,7 +142,7 @@ def _check_at_client(request: Move) -> None:
 
 
 def _check_velocity(session: Session, request: Move) -> None:
-    """Check that the scheme has what it takes, and gets nothing else."""
+    """Check that the scheme has the data that it needs, and no other data."""
     if request.velocity:
         session.require_velocity(request.velocity, request.time)
     given, wanted = request.boundary_velocity is not None, request.velocity == "tangent"
@@ -156,7 +159,7 @@ def _check_velocity(session: Session, request: Move) -> None:
 
 
 def _check_headroom(request: Move) -> None:
-    """Check that a way on is named where the headroom is wanted only, and a velocity where there is one."""
+    """Check that a way to continue is named only with a headroom, and that the way "velocity" has a velocity."""
     along = request.headroom_along
     if along == "step":
         return
@@ -175,7 +178,7 @@ def _check_headroom(request: Move) -> None:
 
 
 def _check_swept_faces(session: Session, request: Move) -> None:
-    """Check that faces are given where their swept volumes are wanted only, each by nodes of the partition."""
+    """Check that faces are given only with swept volumes, each with nodes of the partition."""
     faces = request.swept_faces
     if faces is None:
         return
@@ -210,7 +213,7 @@ def _check_swept_faces(session: Session, request: Move) -> None:
 
 
 def _check_rows(session: Session, request: Move, name: str, values: NDArray[np.floating]) -> None:
-    """Check that there is one finite row of usual size per moving node of the partition."""
+    """Check that there is one finite row of plausible size for each moving node of the partition."""
     displacement, nodes = np.asarray(values), session.mesh.moving_local[request.partition]
     expected = (len(nodes), session.spec.dimension)
     if displacement.shape != expected or displacement.dtype.kind != "f":

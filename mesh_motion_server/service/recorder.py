@@ -1,9 +1,9 @@
 """Records each request in the session's history, and counts it for the operator: made from the replies themselves, once
 for all partitions. Counts have the number, duration and quality of what was executed, not the client's identity.
 
-A repeat that gets its stored reply is not recorded. Two kinds of refusals are not recorded either: those of a peer that
-has not joined the session, such as the previous holder; and those beyond a limit for each code in a row, when a client
-repeats a refused request.
+A repeat that gets its stored reply is not recorded. Two kinds of refusals are not recorded either: refusals of a peer
+that has not joined the session, such as the previous holder; and refusals of the same code in a row beyond a limit,
+when a client repeats a refused request.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ _TROUBLE = {State.FAILED: "failed", State.FROZEN: "frozen"}
 
 
 class Recorder:
-    """Records in the history what was answered."""
+    """Records the answers in the history."""
 
     def __init__(self, session: Session) -> None:
         self._session = session
@@ -65,7 +65,7 @@ class Recorder:
         self._history.attempt(lambda: self._refused(request, reply, by_holder))
 
     def resumed(self) -> None:
-        """Record a new holder; first add from the journal what a crash kept out of the history."""
+        """Record a new holder; first add from the journal the events that a crash kept out of the history."""
         self._history.begin_again()
         self._history.attempt(self._resumed)
 
@@ -89,7 +89,7 @@ class Recorder:
         if isinstance(reply, Moved):
             moved = _motion(reply) | {"seconds_total": seconds}
             if reply.coefficients is not None:
-                self._unjudged = moved  # reported once the client has judged it
+                self._unjudged = moved  # recorded after the client has judged it
             else:
                 self._record("moved", **moved)
         elif isinstance(reply, Judged):

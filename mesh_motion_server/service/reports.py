@@ -1,4 +1,4 @@
-"""What replies contain about quality, mesh and correction: plain values, cells in the sender's numbering."""
+"""The parts of replies about quality, mesh and correction: plain values, with cells in the sender's numbering."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def summary_report(summary: Judgement, mesh: MergedMesh) -> dict[str, Any]:
 
 
 def move_quality(motion: Motion, session: Session) -> dict[str, Any]:
-    """Predicted quality of a Move, before and after its correction; where the client judges it, only by what."""
+    """Predicted quality of a Move, before and after correction; if the client judges it, only metric and threshold."""
     method = session.model.method
     if motion.field is not None:
         return quality_frame(method)
@@ -74,7 +74,7 @@ def move_quality(motion: Motion, session: Session) -> dict[str, Any]:
 
 
 def quality_frame(method: Method) -> dict[str, Any]:
-    """What a motion is judged by."""
+    """The metric and the threshold by which a motion is judged."""
     return {"metric": method.quality_metric, "threshold": float(method.quality_threshold)}
 
 
@@ -98,14 +98,14 @@ def faces_report(faces: tuple[FaceMeasures, ...], mesh: MergedMesh) -> dict[str,
 
 
 def headroom_report(headroom: Headroom, mesh: MergedMesh) -> dict[str, Any]:
-    """How far the mesh admits to go on, as sent: without what is beyond the horizon."""
+    """The headroom, as sent: values beyond the horizon are left out."""
     steps = {"inversion": headroom.inversion, "threshold": headroom.threshold}
     found: dict[str, Any] = {name: value for name, value in steps.items() if math.isfinite(value)}
     return found | ({"cell": _place(mesh, headroom.cell)} if "inversion" in found else {})
 
 
 def correction_report(motion: Motion) -> dict[str, Any]:
-    """What the correction did, as sent."""
+    """The result of the correction, as sent."""
     return _what_was_done(motion.correction, motion.reached) | {
         "control_points": len(motion.control_points),
         "support_radius": float(motion.support_radius),
@@ -114,7 +114,7 @@ def correction_report(motion: Motion) -> dict[str, Any]:
 
 
 def region_correction_report(correction: Correction, session: Session) -> dict[str, Any]:
-    """What the correction of a region did, as sent."""
+    """The result of the correction of a region, as sent."""
     radius = session.model.method.support_radius
     return _what_was_done(correction, correction.reached) | {
         "control_points": len(session.mesh.on_patches),
@@ -134,7 +134,7 @@ def _what_was_done(correction: Correction, reached: bool) -> dict[str, Any]:
 
 
 def mesh_report(session: Session, warnings: list[str] | None = None) -> dict[str, Any]:
-    """Counts, bounding box and warnings of a mesh that was just built; given ``warnings`` avoid a second check."""
+    """Counts, bounding box and warnings of a mesh that was just built; given ``warnings`` replace a second check."""
     mesh = session.mesh
     patches = list(mesh.patches.items())[:_LONGEST]
     return {

@@ -1,4 +1,4 @@
-"""What a session answers without a change: derivatives, headroom, swept volumes of its trial and committed state."""
+"""Answers of a session that change nothing: derivatives, headroom, swept volumes of its trial and committed state."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ __all__ = ["Answers"]
 
 
 class Answers(Position):
-    """A session, as far as no answer changes it.
+    """The part of a session whose answers change nothing.
 
     Parameters
     ----------
@@ -43,16 +43,16 @@ class Answers(Position):
         self.factors = factors
         self._latest_slope: tuple[Floats, Slope] | None = None
         self._latest_field_slope: tuple[Floats, FieldSlope] | None = None
-        self._corrected: list[tuple[Floats, CorrectedRegion]] = []  # of the trial and the committed state
+        self._corrected: list[tuple[Floats, CorrectedRegion]] = []  # for the trial and the committed state
 
     def headroom(self, along: str, velocity: Floats | None = None) -> Headroom:
-        """How far the mesh admits that all nodes go on from the trial.
+        """The headroom of the mesh if all nodes continue their motion from the trial.
 
         Parameters
         ----------
         along : {"step", "displacement", "velocity"}
-            In multiples of the way from the committed state, or of that from the reference mesh; or in seconds of the
-            trial's ``velocity`` (n, d).
+            The unit: multiples of the way from the committed state, or of the way from the reference mesh; or seconds
+            of the trial's ``velocity`` (n, d).
         """
         points = self._open_trial.points
         if velocity is not None and along == "velocity":
@@ -66,8 +66,8 @@ class Answers(Position):
         Parameters
         ----------
         faces : (f, k) int64 array, optional
-            The partition's own nodes of each face, filled up with -1; by default all faces of its cells, type after
-            type, each cell's one after the other, outwards.
+            The partition's own nodes of each face, filled up with -1; by default all faces of its cells with outward
+            normals, type after type and cell after cell.
 
         Returns
         -------
@@ -102,7 +102,7 @@ class Answers(Position):
             raise refusal
 
     def tangent(self, what: str, velocities: Sequence[Floats]) -> list[Floats]:
-        """Velocities (n_p, c d) of each partition's nodes for those (k_p, c d) of its moving nodes.
+        """Velocities (n_p, c d) of each partition's nodes, for velocities (k_p, c d) of its moving nodes.
 
         Parameters
         ----------
@@ -115,7 +115,7 @@ class Answers(Position):
         InvalidInput
             If partitions disagree about a node.
         QualityRefused
-            If this mesh was corrected by another correction than the smooth one.
+            If this mesh was corrected, but not by the smooth correction.
         """
         mesh = self.mesh
         given = self._gather_velocities(velocities)
@@ -123,16 +123,16 @@ class Answers(Position):
         return [mesh.scatter(found, partition) for partition in range(len(velocities))]
 
     def cotangent(self, what: str, weights: Sequence[Floats]) -> list[Floats]:
-        """Weights (k_p, c d) of each partition's moving nodes for those (n_p, c d) of its nodes.
+        """Weights (k_p, c d) of each partition's moving nodes, for weights (n_p, c d) of its nodes.
 
-        Those that several partitions give to one node are added; each of them gets the sum.
+        Weights that several partitions give to one node are added; each partition gets the sum.
         """
         mesh = self.mesh
         found = self._by_vector(mesh.gather_sums(weights), self._slope(what).cotangent)
         return mesh.scatter_moving(found)
 
     def field_tangent(self, what: str, velocities: Sequence[Floats]) -> FieldTangent:
-        """As :meth:`tangent`, of a session whose volume is with the client: of the field, and of the freed nodes."""
+        """Like :meth:`tangent` for a session whose client has the volume: for the field, and for the freed nodes."""
         slope = self._field_slope(what)
         found = [slope.tangent(one) for one in self._vectors(self._gather_velocities(velocities))]
         rows = ([getattr(one, name) for one in found] for name in ("velocity", "coefficients", "of_freed"))
@@ -140,7 +140,7 @@ class Answers(Position):
         return FieldTangent(velocity, coefficients, found[0].freed, of_freed)
 
     def field_cotangent(self, what: str, given: FieldCotangent) -> list[Floats]:
-        """As :meth:`cotangent`, of a session whose volume is with the client."""
+        """Like :meth:`cotangent` for a session whose client has the volume."""
         slope, found = self._field_slope(what), []
         parts = (self._vectors(rows) for rows in (given.weights, given.coefficients, given.of_ids))
         for weights, coefficients, of_ids in zip(*parts, strict=True):
@@ -161,13 +161,13 @@ class Answers(Position):
         return self._slope_at(self._points_of(what))
 
     def _slope_at(self, points: Floats) -> Slope:
-        """The derivative of the motion that has led to ``points`` (n, d); that of the last time, if it was there."""
+        """The derivative of the motion that has led to ``points`` (n, d); kept for a next call with the same points."""
         if self._latest_slope is None or self._latest_slope[0] is not points:
             self._latest_slope = points, self.model.slope(points, self.factors)
         return self._latest_slope[1]
 
     def _field_slope(self, what: str) -> FieldSlope:
-        """The same of a session whose volume is with the client."""
+        """The same for a session whose client has the volume."""
         points, built = self._points_of(what), self._require_built()
         of = self._open_trial if what == "trial" else self._committed_state
         corrected = None
@@ -197,7 +197,7 @@ class Answers(Position):
         return self.mesh.gather_moving(velocities, max(float(np.abs(rows).max(initial=0.0)) for rows in velocities))
 
     def _by_vector(self, given: Floats, apply: Callable[[Floats], Floats]) -> Floats:
-        """(m, c d) what ``apply`` makes of each of the c vectors (k, d) that are columns of ``given`` (k, c d)."""
+        """(m, c d) results of ``apply`` for each of the c vectors (k, d) that are the columns of ``given`` (k, c d)."""
         return np.concatenate([apply(one) for one in self._vectors(given)], axis=1)
 
     def _vectors(self, given: Floats) -> list[Floats]:

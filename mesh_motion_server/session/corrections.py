@@ -1,6 +1,7 @@
-"""The correction of a mesh whose cells stay with the client: of the region that its ranks send.
+"""The correction of a mesh whose cells stay with the client: it corrects the region that the client's ranks send.
 
-A pure function of field, boundary and cells: that of committed coordinates is made again rather than stored.
+The correction is a pure function of field, boundary and cells: for committed coordinates it is made again instead of
+stored.
 """
 
 from __future__ import annotations
@@ -34,23 +35,23 @@ from mesh_motion_server.session.model import Model
 from mesh_motion_server.session.partitions.meshes import MergedMesh
 from mesh_motion_server.session.partitions.regions import MergedRegion, merge_regions
 
-if TYPE_CHECKING:  # no other session needs it, and it loads much
+if TYPE_CHECKING:  # imported only here: other sessions do not need it, and it is large
     from mesh_motion_numerics.motion.body_paths import Way
     from mesh_motion_numerics.motion.boundary_motion import BoundaryMotion
 
 __all__ = ["CorrectOutcome", "CorrectedRegion", "correct", "first_extent", "is_good"]
 
-#: Rings about the bad cells that the ranks send at first: most corrections free fewer.
+#: Number of rings around the bad cells that the ranks send first: most corrections free fewer.
 _FIRST_RINGS = 2
-#: With more rings, the ranks send all cells.
+#: With more rings than this, the ranks send all cells.
 _MOST_RINGS = 64
-#: A rank judges positions that are rounded once more.
+#: Tolerance for positions that a rank judges after one more rounding.
 _ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
 class CorrectedRegion:
-    """A region, the number of nodes of the whole mesh, and where its nodes (n, d) are; none where no cell resists.
+    """A region, the number of nodes of the whole mesh, and the positions (n, d) of the nodes; none if no cell resists.
 
     ``smooth``: whether the smooth correction led there.
     """
@@ -63,20 +64,21 @@ class CorrectedRegion:
 
 @dataclass(frozen=True, eq=False)
 class CorrectOutcome:
-    """What a Correct found.
+    """The result of a Correct.
 
     Attributes
     ----------
     extent : Extent or None
-        The larger region that it takes; about the ``nodes`` too, and there is no correction yet.
+        The larger region that is needed, also around the ``nodes``; there is no correction yet. None: the region was
+        corrected.
     nodes : (c,) int64 array
         Global ids of the freed nodes.
     displacement : (c, d) array, mesh length unit
-        Of these, since the reference mesh.
+        Displacement of these nodes, since the reference mesh.
     correction : Correction or None
-        What was done, without coordinates.
+        Result of the correction, without coordinates.
     region : CorrectedRegion or None
-        Where the correction was found.
+        The region in which the correction was found.
     """
 
     extent: Extent | None
@@ -87,7 +89,7 @@ class CorrectOutcome:
 
 
 def is_good(method: Method, quality: Judgement) -> bool:
-    """Whether a mesh of this quality is left alone; its ranks alone know whether a cell resists a smooth motion."""
+    """Whether a mesh of this quality needs no correction; only the ranks know if a cell resists a smooth motion."""
     if method.correction in ("none", "smooth"):
         return method.correction == "none"
     return not quality.inverted and quality.metric.min >= goal(method)
@@ -102,7 +104,7 @@ def first_extent(method: Method, dimension: int) -> Extent:
 
 
 def _resisting(n_nodes: int | None) -> Extent:
-    """The region of a smooth motion, in a mesh of so many nodes; None: they are not known, and may be many."""
+    """The region of a smooth motion in a mesh of this many nodes; None: the number is unknown, and may be large."""
     onset = onset_of(sys.maxsize if n_nodes is None else n_nodes)
     return Extent(WORST_CORNER, onset + _ROUNDING, RINGS)
 
@@ -124,13 +126,13 @@ def correct(
     model : Model
         A BoundaryMotion.
     points : (n, d) array, mesh length unit
-        Of the nodes of ``mesh`` before the correction.
+        Coordinates of the nodes of ``mesh`` before the correction.
     field : Field
-        The displacement that led there.
+        The displacement that led to these coordinates.
     regions : sequence of Region
-        One of each partition, of the same extent.
+        One region from each partition, with the same extent.
     factors : FactorSource
-        Of the boundary, for a smooth motion that has to be led.
+        Factorizations of the boundary, for a smooth motion that must be led along a way.
 
     Raises
     ------
@@ -172,7 +174,7 @@ def correct(
                 found = replace(found, warnings=(NOT_SMOOTH,))
     except RegionTooSmall as missing:
         wanted = region.ids[missing.nodes]
-        if np.isin(wanted, region.between).all():  # as many rings do: other ranks, or those of images, send theirs
+        if np.isin(wanted, region.between).all():  # other ranks, or ranks of images, send their cells
             images = np.isin(boundary.orbits, boundary.orbits[region.rows[missing.nodes]])
             return CorrectOutcome(extents[0], np.union1d(mesh.global_ids[images], region.settled), none)
         return CorrectOutcome(_larger(extents[0]), region.between, none)
@@ -192,7 +194,7 @@ def correct(
 def _ways(
     mesh: MergedMesh, model: BoundaryMotion, targets: Floats, region: MergedRegion, factors: FactorSource
 ) -> Iterator[Callable[[float], Floats]]:
-    """Where interpolation takes the region's nodes along ways of the moving nodes to the ``targets`` (k, d)."""
+    """Positions of the region's nodes by interpolation, along ways of the moving nodes to the ``targets`` (k, d)."""
     rows = np.flatnonzero(np.isin(region.rows, model.known))
     of_rows = region.rows[rows]
 

@@ -1,4 +1,4 @@
-"""A cache, with a byte budget, of what depends on a mesh state alone: the coupling iterations of a step share it."""
+"""A cache with a byte budget for data that depend only on a mesh state, shared by the coupling iterations of a step."""
 
 from collections import Counter, OrderedDict
 from collections.abc import Callable
@@ -16,7 +16,7 @@ K = TypeVar("K", bound=_Sized)
 
 
 class FactorCache:
-    """Keeps the most recently used factorizations and other kinds; a key is the digest of what determines an entry.
+    """Keeps the most recently used factorizations and other data; a key is the digest of all inputs of an entry.
 
     The cache changes only the run time: a dropped entry is made again, bitwise the same.
 
@@ -29,7 +29,7 @@ class FactorCache:
     Attributes
     ----------
     made, reused : Counter
-        How many entries were made and reused, by kind.
+        Number of entries that were made and reused, by kind.
     """
 
     def __init__(self, byte_budget: int) -> None:
@@ -70,7 +70,7 @@ class FactorCache:
             self._kept.move_to_end(place)
             self.reused[kind] += 1
             return cast(K, self._kept[place]), True
-        # make room first: old and new together could pass the process's memory limit
+        # make room first: old and new entries together could exceed the process's memory limit
         self._shrink(self._budget // 2)
         made = make()
         self._kept[place] = made
@@ -79,7 +79,7 @@ class FactorCache:
         return made, False
 
     def next_step(self) -> None:
-        """A step is committed: drop the entries that it has not used; they belong to states that never come back."""
+        """After a commit, drop the entries that the step has not used; they belong to states that never come back."""
         for place in self._kept.keys() - self._used:
             del self._kept[place]
         self._used = set()

@@ -1,8 +1,8 @@
-"""The derivative of a motion whose volume lies with the client: that of the field travels, and what is counted for it.
+"""The derivative of a motion whose volume is with the client: the messages have derivatives of the field.
 
-The client evaluates the field of a tangent at its own nodes, and puts the nodes of the corrected region where this
-says. Backwards it says what its own nodes count for the field's coefficients, but for the region's nodes: their weights
-pass through the correction first.
+For a tangent, the client evaluates the field at its own nodes; for the nodes of the corrected region it takes the
+velocities from the server. For a cotangent, the client sends the derivatives by the field's coefficients, without the
+region's nodes: the weights of these nodes pass through the correction first.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from mesh_motion_protocol.errors import InvalidInput
 from mesh_motion_server.session.partitions.meshes import MergedMesh
 from mesh_motion_server.session.partitions.regions import Rows
 
-if TYPE_CHECKING:  # no other session needs it, and it loads much
+if TYPE_CHECKING:  # imported only here: other sessions do not need it, and it is large
     from mesh_motion_numerics.correction.smooth_slope import SmoothSlope
     from mesh_motion_numerics.interpolation.factor_source import FactorSource
     from mesh_motion_numerics.interpolation.interpolation_map import FieldMap
@@ -40,9 +40,9 @@ class FieldTangent:
     Attributes
     ----------
     velocity : (n, c d) array
-        Of the uploaded nodes, in canonical order.
+        Velocities of the uploaded nodes, in canonical order.
     coefficients : (r, c d) array
-        Of the field.
+        Coefficients of the velocity field.
     freed : (f,) int64 array
         Global ids of the nodes that the correction frees.
     of_freed : (f, c d) array
@@ -61,11 +61,11 @@ class FieldCotangent:
     Attributes
     ----------
     weights : (n, c d) array
-        Of the uploaded nodes, in canonical order.
+        Weights of the uploaded nodes, in canonical order.
     coefficients : (r, c d) array
-        What the client's other nodes count for the coefficients, but for those with the ids.
+        Derivatives by the coefficients from the client's other nodes, without the nodes with ``ids``.
     ids : (q,) int64 array
-        Global ids of nodes of the region, as often as partitions have them.
+        Global ids of nodes of the region, once for each partition that has them.
     of_ids : (q, c d) array
     """
 
@@ -82,9 +82,9 @@ class FieldSlope:
     Attributes
     ----------
     field : Field
-        Of the reference mesh: all others differ in their coefficients.
+        A field of the reference mesh: all other fields differ only in their coefficients.
     points : (n, d) array, mesh length unit
-        Of the uploaded nodes before the correction.
+        Coordinates of the uploaded nodes before the correction.
     corrected : CorrectedRegion or None
         None without a correction.
     """
@@ -97,7 +97,7 @@ class FieldSlope:
     factors: FactorSource
 
     def tangent(self, velocity: Floats) -> FieldTangent:
-        """For one vector (k, d) of the moving nodes."""
+        """The tangent for one vector (k, d) of the moving nodes."""
         plain, rows = self._plain, np.zeros_like(self.mesh.points)
         rows[self.model.motion.roles.moving] = velocity
         for step in plain.steps:
@@ -150,7 +150,7 @@ class FieldSlope:
 
     @cached_property
     def _plain(self) -> PlainSlope:
-        """Of the uploaded nodes."""
+        """Derivative of the motion of the uploaded nodes, without the correction."""
         return self.model.plain_slope(self.points, self.factors)
 
     @cached_property
@@ -162,8 +162,8 @@ class FieldSlope:
 
     @cached_property
     def _smooth(self) -> SmoothSlope | None:
-        """The correction's derivative; none if no cell was sent."""
-        # imported here: no other session needs it
+        """The correction's derivative; None if no cell was sent."""
+        # imported here, because other sessions do not need it
         from mesh_motion_numerics.correction.smooth_slope import SmoothSlope, not_at_minimum  # noqa: PLC0415
 
         if self.corrected is None or self.corrected.region is None:
@@ -194,7 +194,7 @@ class FieldSlope:
         Raises
         ------
         InvalidInput
-            If a node is not there.
+            If a node is not in the region.
         """
         region = self._region
         _refuse_strange(ids[~np.isin(ids, region.ids[self._shared[2]])])
@@ -202,7 +202,7 @@ class FieldSlope:
 
 
 def _refuse_strange(ids: Integers) -> None:
-    """Raise if there are nodes with such global ids (k,)."""
+    """Raise if there are unknown nodes with these global ids (k,)."""
     if len(ids):
         raise InvalidInput(
             f"region: the node with global id {ids[0]} is not in the corrected region, or was uploaded",

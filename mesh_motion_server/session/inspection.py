@@ -25,7 +25,7 @@ __all__ = ["Check", "Inspection", "inspect_session", "is_session_folder"]
 
 @dataclass(frozen=True)
 class Check:
-    """One verification: its name, its result, and what is wrong."""
+    """One verification: its name, its result, and the error, if any."""
 
     name: str
     passed: bool
@@ -80,7 +80,7 @@ def inspect_session(folder: Path | str) -> Inspection:
     """
     path, files = Path(folder), PosixFileSystem()
     if not is_session_folder(path):
-        spec_bytes(path)  # says that it is none
+        spec_bytes(path)  # raises if it is no session's folder
     found, journal_check = _journal(path, files)
     spec, spec_check = _spec(path, found)
     checks = [journal_check, spec_check]
@@ -135,7 +135,7 @@ def _check(name: str, verify: Callable[[], object]) -> Check:
 
 
 def _spec(path: Path, found: Findings | None) -> tuple[StoredSpec | None, Check]:
-    """What the file says; one that is damaged is not reported as another version's."""
+    """The content of the file; damage is not reported as another version."""
     try:
         raw = spec_bytes(path)
         if found is not None:

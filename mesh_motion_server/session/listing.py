@@ -1,4 +1,4 @@
-"""Describes the sessions at rest for lists; reads the disk again only where it has changed.
+"""Describes the sessions at rest for lists; reads the disk again only after a change.
 
 Every program that watches a server asks for a list every few seconds, but the sessions at rest do not change. So the
 content read from a file is cached as long as the file is the same: its inode, size, and times.
@@ -26,7 +26,7 @@ from mesh_motion_server.session.state import State
 __all__ = ["UNREADABLE", "Listing", "Remembered", "StoredSession"]
 
 UNREADABLE = "UNREADABLE"
-"""The state in lists of a session whose files the system does not give: nothing is known to be lost."""
+"""State of a session in lists if the system does not give its files: nothing is known to be lost."""
 
 #: Maximum number of cached sessions, the most recently requested ones; some 10 MB.
 _MOST = 10_000
@@ -50,9 +50,9 @@ class StoredSession:
     Attributes
     ----------
     state : str
-        READY; FAILED when files are missing or cut, or the journal, the spec, or a mesh or last state of up to 1 MiB
-        does not verify; UNREADABLE when they cannot be read. Whether larger ones verify is for RESUME and inspect:
-        gigabytes are read for that.
+        READY; FAILED if files are missing or cut, or if the journal, the spec, or a mesh or last state of up to 1 MiB
+        does not verify; UNREADABLE if they cannot be read. Larger files are verified only by RESUME and inspect,
+        because gigabytes must be read.
     owner : str
         The public key of the user who opened it; empty on a server without keys.
     """
@@ -67,7 +67,7 @@ class StoredSession:
 
 
 class _Journal(NamedTuple):
-    """What is used of a journal: the last step, and the ledger without its commits."""
+    """The used part of a journal: the last step, and the ledger without its commits."""
 
     step: int
     ledger: Ledger
@@ -87,7 +87,7 @@ class Remembered(Generic[Value]):
         self._known: OrderedDict[Path, tuple[Stamp, Value]] = OrderedDict()
 
     def get(self, path: Path, read: Callable[[], Value]) -> Value:
-        """Return what ``read`` gives for the file or folder, cached if it has not changed."""
+        """Return the result of ``read`` for the file or folder, cached if the file has not changed."""
         stamp = _stamp(path)
         known = self._known.pop(path, None)
         if known is None or known[0] != stamp:
@@ -126,30 +126,30 @@ class Listing:
         self._states: Remembered[None] = Remembered(_MOST)
 
     def spec(self, folder: Path) -> StoredSpec:
-        """What OPEN fixed.
+        """The values that OPEN fixed.
 
         Raises
         ------
         DataLoss
-            If it cannot be read, or is not the one that the journal has the digest of.
+            If the file cannot be read, or does not have the digest in the journal.
         """
 
         try:
             digest = self._journal(folder).ledger.foundation.spec
-        except MeshMotionError:  # a damaged journal gives no digest; RESUME refuses it
+        except MeshMotionError:  # a damaged journal has no digest; RESUME refuses it
             digest = None
         return self._checked_spec(folder, digest)
 
     def _checked_spec(self, folder: Path, digest: bytes | None) -> StoredSpec:
         raw, spec = self._read_spec(folder)
         if digest is not None:
-            check_digest(raw, digest)  # before the content: damage is no other version
+            check_digest(raw, digest)  # first: damage must not be reported as another version
         if isinstance(spec, DataLoss):
             raise spec
         return spec
 
     def _read_spec(self, folder: Path) -> tuple[bytes, StoredSpec | DataLoss]:
-        """The file, and what it says or why that cannot be read."""
+        """Read the file; return its content, or the reason why it cannot be read."""
 
         def read() -> tuple[bytes, StoredSpec | DataLoss]:
             try:
@@ -179,7 +179,7 @@ class Listing:
         return "" if isinstance(spec, DataLoss) else spec.owner
 
     def _require_files(self, folder: Path, ledger: Ledger) -> None:
-        """Raise if a file that every session has is not there, is cut or, where it is small, does not verify."""
+        """Raise if a file that every session has is missing, is cut or, if it is small, does not verify."""
         foundation, last = ledger.foundation, ledger.snapshot
         for name in (MESH, *SLOTS):
             path = folder / name
@@ -210,7 +210,7 @@ class Listing:
             # a session that is not at rest has committed again in the meantime
 
     def describe(self, folder: Path) -> StoredSession:
-        """Describe a session at rest; large files are read in part, and each only once."""
+        """Describe a session at rest; only parts of large files are read, each only once."""
         owner = self.owner(folder)
         try:
             journal = self._journal(folder)

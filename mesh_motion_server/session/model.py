@@ -1,4 +1,4 @@
-"""What a session needs from the numerics: a model that moves the mesh and judges it."""
+"""The interface to the numerics: a model that moves the mesh and judges it."""
 
 from __future__ import annotations
 
@@ -33,10 +33,10 @@ __all__ = [
 
 
 class Slope(Protocol):
-    """:class:`mesh_motion_numerics.motion.motion_slope.MotionSlope`, as far as a session uses it."""
+    """The part of :class:`mesh_motion_numerics.motion.motion_slope.MotionSlope` that a session uses."""
 
     def tangent(self, velocity: Floats) -> Floats:
-        """(n, d) velocities of all nodes, for those (k, d) of the moving nodes in their order."""
+        """(n, d) velocities of all nodes, for velocities (k, d) of the moving nodes in their order."""
         ...
 
     def cotangent(self, weights: Floats) -> Floats:
@@ -45,16 +45,16 @@ class Slope(Protocol):
 
 
 class Model(Protocol):
-    """:class:`mesh_motion_numerics.motion.motion.MotionModel`, as far as a session uses it."""
+    """The part of :class:`mesh_motion_numerics.motion.motion.MotionModel` that a session uses."""
 
     @property
     def method(self) -> Method:
-        """With both radii filled in."""
+        """The method with both radii set."""
         ...
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What the mesh check noticed."""
+        """Warnings of the mesh check."""
         ...
 
     def summary(self, points: Floats) -> Judgement:
@@ -62,11 +62,11 @@ class Model(Protocol):
         ...
 
     def headroom(self, way: Floats, points: Floats) -> Headroom:
-        """How many more such ways (n, d) the mesh at ``points`` (n, d) admits."""
+        """The number of further steps like ``way`` (n, d) that the mesh at ``points`` (n, d) admits."""
         ...
 
     def why_no_slope(self) -> InvalidInput | None:
-        """What keeps the motion from having a derivative; None if it has one."""
+        """The reason why the motion has no derivative; None if it has one."""
         ...
 
     def slope(self, points: Floats, factors: FactorSource) -> Slope:
@@ -74,7 +74,7 @@ class Model(Protocol):
         ...
 
     def without_distributions(self) -> Model:
-        """The same, which may judge by minimum, inverted and worst cells alone; all exact."""
+        """The same model, which may judge only by minimum, inverted and worst cells; all exact."""
         ...
 
     def move(
@@ -87,8 +87,8 @@ class Model(Protocol):
     ) -> Motion:
         """Motion that takes the moving nodes from the committed positions (n, d) to ``targets`` (k, d).
 
-        These are where the ``boundary_displacement`` leads; a refusal says which fraction of it is accepted.
-        Its ``corrected`` is what :meth:`summary` says of its ``points``.
+        The ``targets`` are the end of the ``boundary_displacement``; a refusal names the accepted fraction of it. The
+        motion's ``corrected`` is equal to :meth:`summary` of its ``points``.
         """
         ...
 
@@ -98,14 +98,15 @@ ModelBuilder = Callable[[Floats, CellTable, Mapping[str, Patch], Method], Model]
 
 def build_motion_model(points: Floats, cells: CellTable, patches: Mapping[str, Patch], method: Method) -> Model:
     """The numerics' model of a mesh."""
-    # imported here: the compiled kernels take a second to load, and a process that only lists sessions needs none
+    # imported here: the compiled kernels take a second to load, and a process that only lists sessions does not need
+    # them
     from mesh_motion_numerics.motion.one_layer_motion import motion_model  # noqa: PLC0415
 
     return motion_model(points, cells, patches, method)
 
 
 def model_of(build: ModelBuilder | None, mesh: MergedMesh | UploadView, method: Method) -> Model:
-    """The model of a mesh by ``build``; None: that of its boundary, whose volume stays with the client."""
+    """The model of a mesh by ``build``; None: the model of its boundary, whose volume stays with the client."""
     if build is not None:
         return build(mesh.points, mesh.cells, mesh.patches, method)
     # imported here for the same reason
@@ -115,12 +116,12 @@ def model_of(build: ModelBuilder | None, mesh: MergedMesh | UploadView, method: 
 
 
 def checked_model(build: ModelBuilder | None, mesh: MergedMesh, method: Method) -> Model:
-    """The model of a mesh, as :func:`model_of` makes it.
+    """The model of a mesh, made by :func:`model_of`.
 
     Raises
     ------
     InvalidInput
-        What is wrong with the mesh, in the numbering of the upload: it is checked a second time in that numbering.
+        If the mesh is unusable. The mesh is checked a second time, so that the error uses the numbering of the upload.
     """
     try:
         return model_of(build, mesh, method)
@@ -146,7 +147,7 @@ def checked_warnings(mesh: MergedMesh, model: Model) -> list[str]:
 
 
 def _with_place(error: InvalidInput, view: UploadView) -> InvalidInput:
-    """The error, its cell or node also named by partition where there are several."""
+    """The error; with several partitions its cell or node is also named by partition."""
     if len(view.mesh.node_maps) == 1:
         return error
     cell, node = error.details.get("cell"), error.details.get("node")

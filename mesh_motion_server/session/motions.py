@@ -1,4 +1,4 @@
-"""A Move as a function of values: what a session computes when it is asked, and once more when it is replayed."""
+"""A Move as a function of values: the computation of a session, which a replay repeats."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ __all__ = ["Computed", "compute"]
 
 @dataclass(frozen=True, eq=False)
 class Computed:
-    """A motion, and the coordinates that its answer leads to.
+    """A motion, and the coordinates that its answer gives.
 
     Attributes
     ----------
     motion : Motion
-        Of the numerics.
+        The motion of the numerics.
     points : (n, d) array, mesh length unit
         In canonical order, read-only: bitwise the frame's coordinates plus ``displacements``.
     exact : bool
-        Whether these are bitwise the motion's own.
+        Whether ``points`` are bitwise the motion's own.
     displacements : one (n_p, d) array per partition, mesh length unit
     """
 
@@ -45,7 +45,7 @@ class Computed:
 
     @property
     def field(self) -> Field | None:
-        """The displacement anywhere, if the client evaluates it."""
+        """The displacement as a field, if the client evaluates it."""
         return None if self.motion.field is None else Field.of(self.motion.field)
 
 
@@ -58,14 +58,14 @@ def compute(
     *,
     with_displacements: bool = True,
 ) -> Computed:
-    """The motion that a Move asks for.
+    """Compute the motion that a Move requests.
 
     Parameters
     ----------
     committed : (n, d) array, mesh length unit
         In canonical order.
     with_displacements : bool
-        Whether these are wanted too.
+        Whether the displacements are also needed.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Where a session is: its state, its steps and its mesh, and which requests fit there."""
+"""The position of a session: its state, its steps and its mesh, and the requests that are allowed in it."""
 
 from dataclasses import replace
 from typing import Any
@@ -21,7 +21,7 @@ __all__ = ["WRITING", "Position"]
 
 
 WRITING = (State.READY, State.TRIAL, State.SUSPENDED)
-"""States that a disk which failed by itself turns into FROZEN."""
+"""States that become FROZEN when the disk fails in the background."""
 
 
 class Position:
@@ -30,7 +30,7 @@ class Position:
     Attributes
     ----------
     spec : StoredSpec
-        What OPEN fixed.
+        The values that OPEN fixed.
     """
 
     def __init__(self, spec: StoredSpec) -> None:
@@ -48,7 +48,7 @@ class Position:
 
     @property
     def epoch(self) -> int:
-        """Raised by each RESUME."""
+        """The epoch, which each RESUME raises."""
         return self._epoch
 
     @property
@@ -58,12 +58,12 @@ class Position:
 
     @property
     def durable_step(self) -> int:
-        """The step that no power loss takes the session back behind."""
+        """The last step that survives a power loss."""
         return self._built.keeper.durable_step if self._built else 0
 
     @property
     def iteration(self) -> int:
-        """Moves of the open trial, 0 without one."""
+        """Number of moves of the open trial, 0 without a trial."""
         return self._now.trial.iteration if self._now.trial else 0
 
     @property
@@ -73,17 +73,17 @@ class Position:
 
     @property
     def mesh(self) -> MergedMesh:
-        """The mesh; once built."""
+        """The mesh, after BUILD."""
         return self._require_built().mesh
 
     @property
     def model(self) -> Model:
-        """The numerics' model of it; once built."""
+        """The numerics' model of the mesh, after BUILD."""
         return self._require_built().model
 
     @property
     def commits(self) -> tuple[Commit, ...]:
-        """The latest commits, with what was answered to them."""
+        """The latest commits, with their answers."""
         return self._built.keeper.commits if self._built else ()
 
     def admit(self, operation: Operation) -> State:
@@ -92,8 +92,8 @@ class Position:
         Raises
         ------
         SessionError
-            As the state table says; ABORTED.TRIAL_LOST for a Judge or a Commit whose trial a restart dropped; for a
-            Commit of a trial that the client evaluates, if it was not judged.
+            According to the state table; ABORTED.TRIAL_LOST for a Judge or a Commit whose trial a restart dropped; also
+            for a Commit of a trial that the client evaluates but has not judged.
         """
         needs_trial = operation in (Operation.JUDGE, Operation.CORRECT, Operation.COMMIT)
         if needs_trial:
@@ -107,7 +107,7 @@ class Position:
             return admit(self.state, operation)
         except SessionError:
             if self.state is State.FROZEN:
-                self._swap(state=State.FROZEN)  # from now on a reply has named it
+                self._swap(state=State.FROZEN)  # from now on a reply has named the failure
             raise
 
     def refuse_lost_trial(self) -> None:
@@ -131,7 +131,8 @@ class Position:
         Raises
         ------
         SessionError
-            FAILED_PRECONDITION.STEP; ABORTED.STEPS_LOST where steps may have been answered that were not durable.
+            FAILED_PRECONDITION.STEP; ABORTED.STEPS_LOST if answered steps may have been lost because they were not
+            durable.
         """
         if step > self.step + 1 and self._reopened and self.spec.durability == "relaxed":
             raise SessionError(
@@ -148,7 +149,7 @@ class Position:
             )
 
     def require_later(self, time: float | None) -> None:
-        """Raise unless ``time``, where it is given, is later than that of the last committed step.
+        """Raise unless ``time``, if given, is later than that of the last committed step.
 
         Raises
         ------
@@ -188,14 +189,14 @@ class Position:
             )
 
     def require_velocity(self, scheme: str, time: float | None) -> None:
-        """Raise unless a MOVE to this ``time`` can be answered by velocities of this scheme.
+        """Raise unless velocities of this scheme are possible for a MOVE to this ``time``.
 
         Raises
         ------
         InvalidInput
-            If the time is not given, or a tangent is asked for and there is no derivative.
+            If the time is missing, or if a tangent is requested but there is no derivative.
         SessionError
-            If the session has not stored the levels of the scheme, or does not know when the last step was.
+            If the session has not stored the levels of the scheme, or does not know the time of the last step.
         """
         if scheme == "tangent":
             refusal = self.model.why_no_slope()
@@ -239,7 +240,7 @@ class Position:
             )
 
     def mesh_warnings(self) -> list[str]:
-        """What was noticed when the session was built, in the numbering of the upload."""
+        """Warnings of the build, in the numbering of the upload."""
         return checked_warnings(self.mesh, self.model)
 
     def coordinates(self, frame: str) -> Floats:
@@ -248,31 +249,31 @@ class Position:
         return self.mesh.points if frame == "reference" or committed is None else committed.points
 
     def field(self, frame: str) -> Field | None:
-        """The field that leads to "committed" or "reference" coordinates, if the client evaluates it."""
+        """The field that gives "committed" or "reference" coordinates, if the client evaluates it."""
         rest, committed = self._require_built().field, self._now.committed
         if rest is None or frame == "reference" or committed is None or committed.coefficients is None:
             return rest
         return replace(rest, coefficients=committed.coefficients)
 
     def field_part(self, field: Field | None, partition: int) -> Field | None:
-        """What a partition needs of a field."""
+        """The part of a field that a partition needs."""
         return None if field is None else self._require_built().field_parts[partition].of(field.coefficients)
 
     def field_rows(self, partition: int) -> Integers:
-        """(r,) rows that the partition has of the coefficients of a field."""
+        """(r,) rows of a field's coefficients that a partition has."""
         built = self._require_built()
         count = 0 if built.field is None else len(built.field.coefficients)
         return np.arange(count)[built.field_parts[partition].rows]
 
     def region(self, frame: str) -> Extent | None:
-        """The region to be corrected where the field leads to "committed" coordinates, if it was."""
+        """The region to correct after the field of "committed" coordinates, if these were corrected."""
         committed = self._now.committed
         corrected = frame == "committed" and committed is not None and committed.corrected
         return first_extent(self.model.method, self.spec.dimension) if corrected else None
 
     @property
     def time(self) -> float | None:
-        """Of the last committed step, seconds; None if it is not known."""
+        """Time of the last committed step, seconds; None if it is not known."""
         return self.spec.time if self._now.committed is None else self._now.committed.level.time
 
     @property

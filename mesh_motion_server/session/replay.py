@@ -1,10 +1,10 @@
-"""States that were logged, not stored: logs the input of a Move, and recomputes states from it.
+"""States that were logged instead of stored: logs the input of a Move, and recomputes states from it.
 
 The recomputation must give the digest that was journaled, bit for bit, or nothing is opened. It is the same function of
-the same bytes, so it does on the same machine with the same software. Another version of the server or of its numerical
-libraries, or a processor for which these choose other instructions, may round otherwise. Threads, caches and coupling
-iterations before the committed one do not matter. The log says for each step what computed it, and a session that was
-closed needs no recomputation (``journal.durability``).
+the same bytes, so it succeeds on the same machine with the same software. Another version of the server or of its
+numerical libraries, or a processor for which these choose other instructions, may round differently. Threads, caches
+and coupling iterations before the committed one do not matter. The log names the versions and the processor of each
+step, and a session that was closed needs no recomputation (``journal.durability``).
 """
 
 import platform
@@ -35,9 +35,9 @@ from mesh_motion_server.session.state import CommittedState, MoveInput, Trial, d
 __all__ = ["Progress", "boundary_input", "maker", "recompute", "restore", "silent"]
 
 Progress = Callable[[int], None]
-#: States that took longer than this to compute again are stored, seconds.
+#: States whose recomputation took longer than this are stored, seconds.
 _LONG_SECONDS = 10.0
-#: Share of the largest coefficient by which those of one field may differ between versions.
+#: Largest difference of a field's coefficients between versions, as a share of the largest coefficient.
 _ROUNDING = 1e-5
 
 
@@ -61,14 +61,15 @@ def restore(
     *,
     spec: StoredSpec,
 ) -> CommittedState:
-    """The last committed state of a journal, read or computed; ``rest`` is that of the mesh as it was uploaded.
+    """The last committed state of a journal, read or computed; ``rest`` is the state of the uploaded mesh.
 
-    What took long to compute is stored at once: else a worker that falls again and again would have ever more to do.
+    A state that took long to compute is stored at once: otherwise a worker that dies repeatedly would have more work
+    each time.
 
     Raises
     ------
     DataLoss
-        If it does not verify; as :func:`recompute`.
+        If the state does not verify; and as :func:`recompute`.
     """
     snapshot = journal.ledger.snapshot
     stored = rest
@@ -98,18 +99,18 @@ def _in_canonical_order(rows: Floats, mesh: MergedMesh) -> Floats:
 
 
 def _was_corrected(commits: Sequence[Commit]) -> bool:
-    """Whether the answer to the last commit says so."""
+    """Whether the answer to the last commit says that the mesh was corrected."""
     return bool(commits) and bool(msgpack.unpackb(commits[-1].receipt).get("corrected", False))
 
 
 def _times(commit: Commit) -> tuple[float | None, float | None]:
-    """The times of a step and of the one before, as far as its COMMITs had them."""
+    """The times of a step and of the one before, if their COMMITs had them."""
     time, previous = msgpack.unpackb(commit.receipt).get("times", (None, None))
     return time, previous
 
 
 def _check_field(stored: CommittedState, model: Model, mesh: MergedMesh, factors: FactorCache) -> None:
-    """Check that stored coefficients are those of the field that this version describes, but for rounding.
+    """Check that stored coefficients are those of the field that this version describes, up to rounding.
 
     Raises
     ------
@@ -158,18 +159,18 @@ def recompute(
     Parameters
     ----------
     start : CommittedState
-        That of the last snapshot.
+        State of the last snapshot.
     logged : sequence of Commit
-        The commits behind it.
+        The commits after it.
     progress : callable
-        Called after each step that was computed again.
+        Called after each recomputed step.
     time_levels : str
-        Of the session.
+        The session's value.
 
     Raises
     ------
     DataLoss
-        DATA_LOSS.RECOVERY_DIVERGED if a step does not give its digest again.
+        DATA_LOSS.RECOVERY_DIVERGED if a recomputed step does not have its digest.
     """
     model = model.without_distributions()
     for commit in logged:
@@ -214,7 +215,7 @@ def _diverged(commit: Commit, what: str) -> DataLoss:
 
 
 def _processor() -> str:
-    """The processor's name, as far as the system gives it."""
+    """The processor's name, if the system gives it."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines()
     except OSError:

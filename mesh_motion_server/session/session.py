@@ -1,12 +1,12 @@
 """One session: the only mutable state of the server.
 
-Every operation computes on values and then swaps one reference, so that a failure in between changes nothing. What was
-computed but not committed is the *trial*; a Move always starts from the committed state, so its answer is a pure
-function of mesh, committed state, displacement and settings (and of how much of the quality it reports, and whether it
-is the step's first).
+Every operation computes on values and then swaps one reference, so that a failure in between changes nothing. The
+computed but uncommitted state is the *trial*. A Move always starts from the committed state, so its answer is a pure
+function of mesh, committed state, displacement and settings (and of the requested quality report, and whether it is the
+step's first Move).
 
 The displacement that a Move answers with, added to the coordinates of its frame, gives the trial's coordinates bitwise:
-a client that adds up the answers holds the server's coordinates.
+a client that adds up the answers has the server's coordinates.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ class Session(Answers):
     Attributes
     ----------
     history : History
-        For people to read; nothing depends on it.
+        The history for people; nothing depends on it.
     """
 
     def __init__(self, folder: SessionFolder, limits: ServerSettings, build_model: ModelBuilder) -> None:
@@ -84,13 +84,13 @@ class Session(Answers):
     def reopen(
         cls, folder: SessionFolder, limits: ServerSettings, build_model: ModelBuilder, progress: Progress = silent
     ) -> Session:
-        """A stored session at its last durable step, under a new epoch; calls ``progress`` for steps computed again.
+        """Open a stored session at its last durable step, under a new epoch; call ``progress`` for recomputed steps.
 
         Raises
         ------
         DataLoss
-            If what is stored does not verify, or the disk fails; DATA_LOSS.RECOVERY_DIVERGED if the states behind the
-            last stored one cannot be computed again.
+            If the stored data do not verify, or the disk fails; DATA_LOSS.RECOVERY_DIVERGED if the states after the
+            last stored one cannot be recomputed.
         """
         session = cls(folder, limits, build_model)
         journal, partitions = folder.load()
@@ -115,7 +115,7 @@ class Session(Answers):
     # --- operations ------------------------------------------------------------------------------------------------
 
     def add_part(self, partition: int, part: Part) -> int:
-        """Append a part of the mesh; returns the rows of its item and name so far."""
+        """Append a part of the mesh; return the number of rows of its item and name so far."""
         state = self.admit(Operation.UPLOAD)
         rows = self.upload.add(partition, part)
         failpoint("session.upload.taken")
@@ -123,24 +123,26 @@ class Session(Answers):
         return rows
 
     def needed_for_layers(self, reaches: Sequence[float]) -> tuple[float, Floats]:
-        """About which nodes the cells are needed before the mesh is built; 0: they are here, up to all ``reaches``.
+        """The distance from moving walls within which cells are needed before the build.
+
+        The distance is 0 if the needed cells are here, within all ``reaches``.
 
         Parameters
         ----------
         reaches : sequence of float, mesh length unit
-            Of each partition: within which distance of the moving walls it has sent the cells.
+            For each partition the distance from the moving walls within which it has sent the cells.
 
         Returns
         -------
         float, (f, d, d) array; mesh length unit
-            Nodes within this distance of these facets of the moving walls.
+            The cells at nodes within this distance of these facets of the moving walls are needed.
 
         Raises
         ------
         InvalidInput
-            If a reach was not asked for, or a node on a moving wall has none of the cells.
+            If a reach was not requested, or if a node on a moving wall has none of the cells.
         """
-        # imported here: no other session needs it, and it loads much
+        # imported here: other sessions do not need it, and it is large
         from mesh_motion_numerics.motion.boundary_motion import reach_of_layers  # noqa: PLC0415
 
         self.admit(Operation.BUILD)
@@ -156,14 +158,14 @@ class Session(Answers):
         return self.upload.reach, wall.reference[wall.simplices]
 
     def build(self) -> None:
-        """The mesh is complete: check it, make it durable.
+        """After the upload: check the mesh, and make it durable.
 
         Raises
         ------
         InvalidInput
-            If it is unusable; in the numbering of the upload.
+            If the mesh is unusable; in the numbering of the upload.
         ResourceExhausted
-            If the disk does not take it.
+            If the disk cannot store it.
         """
         state = self.admit(Operation.BUILD)
         partitions = self.upload.meshes()
@@ -196,27 +198,27 @@ class Session(Answers):
         ----------
         frame : {"committed", "reference"}
         boundary_displacements : one (k_p, d) array per partition, mesh length unit
-            Of the moving nodes, since the frame's coordinates.
+            Displacements of the moving nodes since the frame's coordinates.
         report : {"", "faces"}
-            What the outcome reports in addition to the quality.
+            Report in addition to the quality.
         time : float, optional
-            Of the step, seconds.
+            Time of the step, seconds.
         velocity : VelocityAsked, optional
-            Velocities that are wanted too; :meth:`require_velocity` admits them.
+            Velocities that are also requested; checked by :meth:`require_velocity`.
 
         Raises
         ------
         InvalidInput
             If partitions disagree about a node, or a target is not finite.
         QualityRefused
-            If no acceptable motion was found, or this one has no derivative where a tangent is wanted; an earlier trial
-            stays.
+            If no acceptable motion was found, or if a tangent is requested but the motion has no derivative; an earlier
+            trial is kept.
         """
         state = self.admit(Operation.MOVE)
         failpoint("session.move.start")
         built = self._require_built()
         move_input = MoveInput(frame, built.mesh.gather_moving(boundary_displacements))
-        in_full = not self.iteration  # the distributions take half of a later iteration
+        in_full = not self.iteration  # the distributions take half the time of a later iteration
         model = built.model if in_full else built.model.without_distributions()
         computed = compute(model, built.mesh, self.coordinates("committed"), move_input, self.factors)
         field = computed.field
@@ -233,12 +235,12 @@ class Session(Answers):
         )
 
     def judge(self, quality: QualitySummary) -> Verdict:
-        """Take the quality of the trial's cells, which are with the client.
+        """Take the quality of the trial's cells, which the client has.
 
         Raises
         ------
         QualityRefused
-            If the quality is not acceptable; the trial stays, and cannot be committed.
+            If the quality is not acceptable; the trial is kept, but cannot be committed.
         """
         self.require_client_evaluation()
         state, method, trial = self.admit(Operation.JUDGE), self.model.method, self._open_trial
@@ -257,14 +259,14 @@ class Session(Answers):
         Parameters
         ----------
         what : {"trial", "committed"}
-            Committed coordinates that were corrected are so again, and bitwise the same.
+            Committed coordinates that were corrected are corrected again, with bitwise the same result.
         regions : sequence of Region
-            One of each partition; ids are global.
+            One region from each partition; ids are global.
 
         Raises
         ------
         QualityRefused
-            If no valid mesh was found; the trial stays, and cannot be committed.
+            If no valid mesh was found; the trial is kept, but cannot be committed.
         """
         self.require_client_evaluation()
         state, built = self.admit(Operation.CORRECT if what == "trial" else Operation.FETCH), self._require_built()
@@ -284,16 +286,16 @@ class Session(Answers):
     def commit(
         self, requests: Sequence[RequestId], receipt: Callable[[CommitOutcome], bytes], *, time: float | None = None
     ) -> CommitOutcome:
-        """Make the trial the committed state, durably as the session's level says.
+        """Make the trial the committed state, durable according to the session's level.
 
         Parameters
         ----------
         requests : sequence of RequestId
             The COMMIT of each partition.
         receipt : callable
-            What the replies say, packed: journaled with the commit.
+            Makes the packed content of the replies, which is journaled with the commit.
         time : float, optional
-            Of the step, seconds; by default that of the trial.
+            Time of the step, seconds; by default that of the trial.
 
         Raises
         ------
@@ -306,7 +308,7 @@ class Session(Answers):
         time = trial.time if time is None else time
         next_state = state_after(self._committed_state, trial, self.spec.time_levels, time)
         durable = durable_rows(built.mesh, next_state)
-        self._write(lambda: built.keeper.prepare(durable), self._now)  # the disk works while the state is judged
+        self._write(lambda: built.keeper.prepare(durable), self._now)  # the disk writes while the state is judged
         digest = state_digest(trial.step, durable)
         quality = built.model.summary(trial.points) if trial.quality is None else trial.quality
         outcome = CommitOutcome(
@@ -314,8 +316,8 @@ class Session(Answers):
         )
         entry = Commit(trial.step, digest, tuple(requests), receipt(outcome))
         after = CurrentState(state, next_state)
-        boundary = cache(partial(boundary_input, built.mesh, trial.input))  # for history and journal
-        # first: no answered step may lack it
+        boundary = cache(partial(boundary_input, built.mesh, trial.input))  # for the history and the journal
+        # first, because every answered step must be in the history
         self.history.record_input(trial.step, boundary, self.spec.dimension, next_state.level.time)
 
         def store() -> None:
@@ -332,7 +334,7 @@ class Session(Answers):
         self._swap(state=self.admit(Operation.ROLLBACK), trial=None, trial_lost=False)
 
     def resume(self) -> int:
-        """A new holder: make all commits durable, raise the epoch durably, drop the trial; returns the epoch.
+        """Take a new holder: make all commits durable, raise the epoch durably, drop the trial; return the epoch.
 
         Raises
         ------
@@ -352,12 +354,13 @@ class Session(Answers):
         return self._epoch
 
     def catch_up(self) -> None:
-        """Return when all commits are durable, or the failure was already reported.
+        """Return when all commits are durable, or when the failure was already reported.
 
         Raises
         ------
         DataLoss
-            If the disk failed, and no request has been refused for it yet; the session is FROZEN, or FAILED as it was.
+            If the disk failed, and no request has been refused for this reason yet; the session is FROZEN, or stays
+            FAILED.
         """
         if self._built is None or self._now.disk_failure_reported or self._now.state in (State.FROZEN, State.CLOSED):
             return
@@ -370,7 +373,7 @@ class Session(Answers):
             raise
 
     def suspend(self) -> None:
-        """The lease ended: all commits become durable, or the session FROZEN."""
+        """After the end of the lease: make all commits durable, or the session FROZEN."""
         with logged_failure(self.spec.session):
             self.catch_up()
         state = self.admit(Operation.LEASE_END)
@@ -380,21 +383,21 @@ class Session(Answers):
         self._swap(state=state, trial=keep, trial_lost=lost and keep is None)
 
     def join(self) -> None:
-        """A holder has joined (again)."""
+        """Note that a holder has joined (again)."""
         self._swap(state=self.admit(Operation.JOIN))
 
     def fail(self) -> None:
-        """An unexpected failure happened that may affect the state."""
+        """Note an unexpected failure that may affect the state."""
         self._swap(state=State.FAILED, trial=None)
 
     def close(self, *, keep: bool = True) -> None:
-        """Give files and lock back; idempotent. What is to be kept becomes durable before, unless the disk failed."""
+        """Release files and lock; idempotent. State to be kept is made durable first, unless the disk failed."""
         if keep and self._built is not None:
             with logged_failure(self.spec.session):
                 if self.state in WRITING:
                     self._built.keeper.rest(lambda: durable_rows(self.mesh, self._committed_state))
                 elif self.state is State.FAILED:
-                    self.catch_up()  # no state is made of coordinates that are not trusted
+                    self.catch_up()  # no state is made from coordinates that are not trusted
         self._swap(state=State.CLOSED, trial=None)
         failpoint("session.close")
         self.history.close()
@@ -406,7 +409,7 @@ class Session(Answers):
     # --- inside ----------------------------------------------------------------------------------------------------
 
     def _at_rest(self, mesh: MergedMesh, field: Field | None) -> CommittedState:
-        """The mesh as it was uploaded."""
+        """The state of the mesh as it was uploaded."""
         coefficients = None if field is None else field.coefficients
         return CommittedState(0, mesh.points, coefficients, level=TimeLevel(self.spec.time))
 

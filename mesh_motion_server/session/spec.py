@@ -1,4 +1,4 @@
-"""What OPEN fixes for a session's whole life, and its stored form."""
+"""The values that OPEN fixes for a session's whole life, and their stored form."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ from mesh_motion_server.settings import MethodSettings
 __all__ = ["MOST_SPEC_BYTES", "SPEC", "SessionSpec", "StoredSpec", "check_digest", "spec_bytes"]
 
 SPEC = "spec.json"
-"""The file in a session's folder that says what OPEN fixed."""
+"""The file in a session's folder with the values that OPEN fixed."""
 
 MOST_SPEC_BYTES = 1 << 20
 """What OPEN fixes comes in a header of at most 64 KiB; defaults are filled in."""
 
 _FORMAT = 1
-#: What has no key: versions that do not know it read the file.
+#: Values that have no key, so that versions which do not know the key can read the file.
 _USUAL = {"owner": "", "evaluation": "server", "time": 0.0, "time_levels": ""}
 
 
 @dataclass(frozen=True)
 class SessionSpec:
-    """What OPEN fixes for a session's whole life.
+    """The values that OPEN fixes for a session's whole life.
 
     Attributes
     ----------
@@ -40,11 +40,11 @@ class SessionSpec:
     durability : str
         One of :data:`mesh_motion_server.settings.DURABILITY_LEVELS`.
     owner : str
-        The public key of who opened it; empty on a server without keys.
+        The public key of the user who opened it; empty on a server without keys.
     evaluation : {"server", "client"}
-        Who moves and judges the volume.
+        The side that moves and judges the volume.
     time : float
-        Of the reference mesh, seconds.
+        Time of the reference mesh, seconds.
     time_levels : str
         One of :data:`~mesh_motion_numerics.motion.time_levels.STORED_ARRAYS`.
     """
@@ -64,15 +64,15 @@ class SessionSpec:
 
 @dataclass(frozen=True)
 class StoredSpec:
-    """The same without the token, as ``spec.json`` holds it: JSON, keys as the attributes here; what is as usual
-    has no key, beginning with the owner.
+    """The same without the token, in the form of ``spec.json``: JSON with these attributes as keys; usual values, from
+    the owner on, have no key.
 
     Attributes
     ----------
     token_sha256 : str
         Hexadecimal.
     settings : MethodSettings
-        Defaults filled in, so that a later version with other defaults computes the same.
+        With defaults, so that a later version with other defaults computes the same.
     """
 
     session: str
@@ -109,7 +109,7 @@ class StoredSpec:
         return hmac.compare_digest(hashlib.sha256(token).hexdigest(), self.token_sha256)
 
     def require_cells(self) -> None:
-        """Raise if the server has not the cells.
+        """Raise if the server does not have the cells.
 
         Raises
         ------
@@ -166,7 +166,7 @@ def _check_version(number: Any, settings: dict[str, Any]) -> None:
 
 
 def check_digest(spec: bytes, expected: bytes) -> None:
-    """Raise DATA_LOSS.CHECKSUM unless these bytes of ``spec.json`` have the sha256 that the journal has of them."""
+    """Raise DATA_LOSS.CHECKSUM unless these bytes of ``spec.json`` have the sha256 in the journal."""
     if hashlib.sha256(spec).digest() != expected:
         raise DataLoss(
             "the session's spec does not match its digest",

@@ -1,4 +1,4 @@
-"""The session's state machine as a table, and the values it moves between.
+"""The session's state machine as a table, and the values that it replaces.
 
 ::
 
@@ -6,8 +6,8 @@
                                          ▲────────────ROLLBACK──┘
 
 Side states: SUSPENDED (the lease was lost), FROZEN (the disk failed; nothing more is written), FAILED (an unexpected
-failure; nothing is trusted), CLOSED. COMMITTING lasts while a commit is made durable. :data:`TABLE` is the single
-source of what is allowed when; SPEC.md's table is drawn from it.
+failure; nothing is trusted), CLOSED. COMMITTING lasts while a commit is made durable. :data:`TABLE` is the only source
+for the allowed operations in each state; SPEC.md's table is made from it.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ __all__ = [
 
 
 class State(StrEnum):
-    """Where a session stands."""
+    """The states of a session."""
 
     NEW = "NEW"
     OPENING = "OPENING"
@@ -79,7 +79,7 @@ class Operation(StrEnum):
 
 @dataclass(frozen=True)
 class Refusal:
-    """Why an operation is not allowed in a state, and the way out."""
+    """The reason why an operation is not allowed in a state, and the way out."""
 
     message: str
     hint: str
@@ -109,7 +109,7 @@ _S, _O = State, Operation
 def _row(
     default: Refusal, allowed: Mapping[Operation, State], refused: Mapping[Operation, Refusal] | None = None
 ) -> Row:
-    """One state's row: allowed operations, particular refusals, and the refusal of the rest."""
+    """Make one state's row: allowed operations, particular refusals, and the refusal of the others."""
     cells: dict[Operation, State | Refusal] = dict.fromkeys(Operation, default)
     return MappingProxyType(cells | dict(allowed) | dict(refused or {}))
 
@@ -118,7 +118,7 @@ def _staying(state: State, *operations: Operation) -> dict[Operation, State]:
     return dict.fromkeys(operations, state)
 
 
-#: state × operation → the state afterwards (when the operation succeeds), or the refusal.
+#: state × operation → the state afterwards (if the operation succeeds), or the refusal.
 TABLE: Mapping[State, Row] = MappingProxyType(
     {
         _S.NEW: _row(
@@ -185,7 +185,7 @@ def admit(state: State, operation: Operation) -> State:
 
 @dataclass(frozen=True, eq=False)
 class CommittedState:
-    """What is durable: the step and where its nodes are.
+    """The durable values: the step and the positions of its nodes.
 
     Attributes
     ----------
@@ -194,11 +194,11 @@ class CommittedState:
     points : (n, d) array, mesh length unit
         Coordinates in the session's canonical node order; read-only.
     coefficients : (r, d) array, optional
-        Of the field, if the client evaluates it.
+        Coefficients of the field, if the client evaluates it.
     corrected : bool
-        Whether the client's nodes were corrected from where these lead.
+        Whether the client's nodes were corrected after the field's displacement.
     level : TimeLevel
-        When it was, and what earlier steps leave to velocities; arrays read-only, in canonical order.
+        The time of the step, and the data of earlier steps for velocities; arrays read-only, in canonical order.
     """
 
     step: int
@@ -210,13 +210,13 @@ class CommittedState:
 
 @dataclass(frozen=True, eq=False)
 class MoveInput:
-    """What determines a motion, together with mesh, settings and committed state.
+    """The input of a motion; together with mesh, settings and committed state it determines the motion.
 
     Attributes
     ----------
     frame : {"committed", "reference"}
     boundary_displacement : (k, d) array, mesh length unit
-        Of the moving nodes in that frame, in the order of the mesh's ``moving``.
+        Displacement of the moving nodes in this frame, in the order of the mesh's ``moving``.
     """
 
     frame: str
@@ -225,24 +225,24 @@ class MoveInput:
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """What the last MOVE computed and no COMMIT has confirmed.
+    """The result of the last MOVE, which no COMMIT has confirmed yet.
 
     Attributes
     ----------
     step, iteration : int
-        The step it would become, and how many MOVEs the step has had.
+        The step that it would become, and the number of MOVEs of this step.
     points : (n, d) array, mesh length unit
         Trial coordinates in canonical order; read-only.
     quality : QualitySummary or None
-        Of ``points``, where the Move or a Judge has judged these very coordinates.
+        Quality of ``points``, if the Move or a Judge has judged exactly these coordinates.
     coefficients : (r, d) array, optional
-        Of the field, if the client evaluates it.
+        Coefficients of the field, if the client evaluates it.
     standard : QualitySummary or None
-        Of the client's mesh before it was corrected.
+        Quality of the client's mesh before its correction.
     correction : Correction or None
-        What was done there, without coordinates; ``points`` stay what they were.
+        Result of the client's correction, without coordinates; ``points`` are not changed by it.
     time : float or None
-        Of the step, as far as the Move had it, seconds.
+        Time of the step, seconds, if the Move had it.
     """
 
     step: int
@@ -257,14 +257,14 @@ class Trial:
 
 
 def state_after(before: CommittedState, trial: Trial, time_levels: str, time: float | None) -> CommittedState:
-    """The state that a commit of the ``trial`` makes of the one before."""
+    """The state that a commit of the ``trial`` makes from the state before."""
     level = level_after(time_levels, trial.points, before.points, before.level, time)
     return CommittedState(trial.step, trial.points, trial.coefficients, trial.correction is not None, level)
 
 
 def durable_rows(mesh: MergedMesh, state: CommittedState) -> Floats:
-    """What a commit stores: coordinates (n, d), ascending by global id, and behind them the coefficients, if any, and
-    the arrays of earlier time levels, in the same order.
+    """The rows that a commit stores: coordinates (n, d), ascending by global id, then the coefficients, if any, and the
+    arrays of earlier time levels, in the same order.
     """
     rows = [np.take(values, mesh.id_order, axis=0) for values in (state.points, *state.level.arrays)]
     if state.coefficients is not None:

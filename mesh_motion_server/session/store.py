@@ -1,11 +1,11 @@
-"""Where sessions live on disk: one folder each, held by one process at a time.
+"""The sessions on disk: one folder each, held by one process at a time.
 
 ::
 
     STATE FOLDER/sessions/<session id>/      0700
         lock                                 flock of the process that holds the session
         unbuilt                              until BUILD is durable: the session may be removed
-        spec.json                            what OPEN fixed; only the token's sha256
+        spec.json                            the values that OPEN fixed; only the token's sha256
         mesh.bin                             the mesh as uploaded
         manifest, slot-0, slot-1             the journal
         history/                             for people to read; nothing depends on it
@@ -67,7 +67,7 @@ class SessionFolder:
 
     @contextlib.contextmanager
     def writing_mesh(self, partitions: Sequence[PartitionMesh]) -> Iterator[None]:
-        """Write a large mesh while it is checked, for :meth:`build`; one that is refused is removed again."""
+        """Write a large mesh while it is checked, for :meth:`build`; a refused mesh is removed again."""
         if sum(partition.points.nbytes for partition in partitions) < _LARGE_MESH:
             yield
             return
@@ -86,16 +86,16 @@ class SessionFolder:
         Parameters
         ----------
         partitions : sequence of PartitionMesh
-            As to :meth:`writing_mesh`, if that was entered before.
+            The same as for :meth:`writing_mesh`, if that was entered before.
         nodes : int
-            Of all of them, each counted once.
+            Number of nodes of all partitions, each counted once.
         snapshot_steps : int
-            With durability "replay": a state is stored every so many commits.
+            With durability "replay": number of commits after which a state is stored.
 
         Raises
         ------
         ResourceExhausted
-            RESOURCE_EXHAUSTED.DISK when the disk does not take it; the session is then as before.
+            RESOURCE_EXHAUSTED.DISK if the disk cannot store it; the session is then unchanged.
         """
         level, dimension = self.spec.durability, self.spec.dimension
         replay = level == "replay"
@@ -125,14 +125,14 @@ class SessionFolder:
             raise _disk_error("the session cannot be stored", error) from error
 
     def _remove_half_made(self) -> None:
-        """Remove what a failed BUILD left, to free its space; with a manifest it may be whole, and stays."""
+        """Remove the files of a failed BUILD, to free space; with a manifest they may be complete and are kept."""
         with contextlib.suppress(OSError):
             if not self._files.exists(self.path / MANIFEST):
                 for name in (MESH, *SLOTS, FIRST_MANIFEST):
                     self._files.remove(self.path / name)
 
     def load(self) -> tuple[Journal, list[PartitionMesh]]:
-        """Open the journal and read the mesh; a session that is refused stays as it was.
+        """Open the journal and read the mesh; a session that is refused is not changed.
 
         Raises
         ------
@@ -146,7 +146,7 @@ class SessionFolder:
             mesh = read_mesh(self.path / MESH, self._files, foundation.mesh)
             journal = Journal.open(self.path, self._files, found)
             try:
-                mark_built(self._files, self.path)  # a crash may have kept BUILD from it
+                mark_built(self._files, self.path)  # a crash may have prevented BUILD from removing it
             except OSError:
                 journal.close()
                 raise
@@ -167,7 +167,7 @@ class SessionStore:
     Parameters
     ----------
     root : Path
-        The state folder; ``~`` is expanded, missing folders are made when the first session is.
+        The state folder; ``~`` is expanded, missing folders are made with the first session.
     """
 
     def __init__(self, root: Path | str, *, files: FileSystem | None = None) -> None:
@@ -178,14 +178,14 @@ class SessionStore:
         self._names: Remembered[list[str]] = Remembered(1)
 
     def create(self, spec: SessionSpec) -> SessionFolder:
-        """A folder for a new session, held by this process.
+        """Make a folder for a new session, held by this process.
 
         Raises
         ------
         SessionError
-            If there is a session of this id.
+            If there is a session with this id.
         ResourceExhausted
-            RESOURCE_EXHAUSTED.DISK when the disk does not take it.
+            RESOURCE_EXHAUSTED.DISK if the disk cannot store it.
         """
         path = self._path(spec.session)
         lock, made = None, False
@@ -210,12 +210,12 @@ class SessionStore:
             raise _disk_error("the session cannot be stored", error) from error
 
     def open(self, session: str, token: bytes) -> SessionFolder:
-        """An existing session's folder, held by this process.
+        """Open an existing session's folder, and hold it in this process.
 
         Raises
         ------
         SessionError
-            NOT_FOUND alike for an unknown session, a wrong token, and one that was never built;
+            NOT_FOUND, the same for an unknown session, a wrong token, and a session that was never built;
             UNAVAILABLE.STARTING while another process holds it.
         """
         self.check_token(session, token)
@@ -253,12 +253,12 @@ class SessionStore:
         return self._listing.spec(self._sessions / session).owner
 
     def check_token(self, session: str, token: bytes) -> StoredSpec:
-        """The spec of a session whose token this is.
+        """The spec of the session with this token.
 
         Raises
         ------
         SessionError
-            NOT_FOUND alike for an unknown session, a wrong token, and one that was never built.
+            NOT_FOUND, the same for an unknown session, a wrong token, and a session that was never built.
         """
         if not self._is_stored(session):
             raise _not_found(session)
@@ -268,7 +268,7 @@ class SessionStore:
         return spec
 
     def names(self) -> list[str]:
-        """What may be sessions, by id: folders of such a name.
+        """Names of folders that may be sessions, by id.
 
         Raises
         ------
@@ -289,7 +289,7 @@ class SessionStore:
             return ""
 
     def describe(self, session: str) -> StoredSession:
-        """A stored session for lists; reads the manifest's chain only, and nothing that it has read before."""
+        """A stored session for lists; reads only the manifest's chain, and nothing that was read before."""
         try:
             self._is_stored(session)
         except ResourceExhausted:
@@ -312,24 +312,24 @@ class SessionStore:
         Raises
         ------
         ResourceExhausted
-            RESOURCE_EXHAUSTED.DISK if the disk does not let it; the session is then as before.
+            RESOURCE_EXHAUSTED.DISK if the disk refuses it; the session is then unchanged.
         """
         path = self._path(session)
-        # renamed first: a session that is half deleted by a crash is no session
+        # rename first: a session that a crash has deleted in part is no session
         away = path.with_name(f"{session}.discarded")
         try:
             if self._files.exists(path):
                 self._files.rename(path, away)
         except OSError as error:
             raise _disk_error("the session cannot be discarded", error) from error
-        # it is gone for everybody; where this fails, a loss of power may at worst bring it back
+        # it is gone for all programs; if this fails, a loss of power may at worst bring it back
         with contextlib.suppress(OSError):
             failpoint("store.discard.renamed")
             self._files.sync_folder(self._sessions)
         shutil.rmtree(away, ignore_errors=True)
 
     def sweep(self) -> list[str]:
-        """Remove what was half deleted and sessions that were never built and no process holds; returns their names."""
+        """Remove partly deleted sessions, and sessions that were never built and are not held; return their names."""
         failpoint("store.sweep")
         try:
             names = sorted(self._listed(), key=lambda name: not _DISCARDED.fullmatch(name))
@@ -338,9 +338,9 @@ class SessionStore:
             raise _disk_error("the sessions cannot be listed", error) from error
 
     def _swept(self, path: Path) -> bool:
-        """Remove a folder if it is half deleted, or never built and not held; whether it is gone.
+        """Remove a folder if it is partly deleted, or never built and not held; return whether it is gone.
 
-        A link and a folder that cannot be read stay.
+        A link, and a folder that cannot be read, are kept.
         """
         if _DISCARDED.fullmatch(path.name):
             return self._removed(path)
@@ -353,7 +353,7 @@ class SessionStore:
         except OSError:
             return False
         try:
-            return never_built(self._files, path) and self._removed(path)  # it may have been built meanwhile
+            return never_built(self._files, path) and self._removed(path)  # it may have been built in the meantime
         except OSError:
             return False
         finally:
@@ -364,7 +364,7 @@ class SessionStore:
         return not self._files.exists(path)
 
     def _is_stored(self, session: str) -> bool:
-        """Whether there is such a session; one whose folder lost files is there, with lost data.
+        """Whether there is such a session; a session whose folder lost files still exists, with lost data.
 
         Raises
         ------
@@ -385,7 +385,7 @@ class SessionStore:
         return self._sessions / session
 
     def _listed(self) -> list[str]:
-        """The names in the folder of sessions; none where it is not made yet."""
+        """The names in the folder of sessions; none if the folder does not exist yet."""
         try:
             return sorted(os.listdir(self._sessions))
         except FileNotFoundError:

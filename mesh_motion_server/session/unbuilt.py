@@ -1,4 +1,4 @@
-"""What proves that a session was never built, so that its folder may be removed."""
+"""The proof that a session was never built, so that its folder may be removed."""
 
 from pathlib import Path
 
@@ -13,19 +13,19 @@ UNBUILT = "unbuilt"
 """An empty file in a session's folder from OPEN until BUILD is durable."""
 
 _RECORD = 64
-"""Bytes of a slot of which some are not zero once a record was written: slots are blank until the first commit."""
+"""Bytes of a slot; some are not zero after a record was written, because slots are blank until the first commit."""
 
 
 def never_built(files: FileSystem, folder: Path) -> bool:
-    """Whether a session's folder is marked as unbuilt and has nothing that BUILD or a commit made, or has only a lock.
+    """Whether a session's folder is marked as unbuilt and has no data of BUILD or of a commit, or has only a lock.
 
-    The mark alone is no proof: an older backup may bring it back to newer files. ``manifest.new`` is made after the
+    The mark alone is no proof: an older backup may restore it next to newer files. ``manifest.new`` is made after the
     manifest; slots are blank, and the boundary is not in the history, until the first commit.
 
     Raises
     ------
     OSError
-        If the folder cannot be read: then nothing is known.
+        If the folder cannot be read, so that the answer is unknown.
     """
     if any(files.exists(folder / name) for name in (MANIFEST, NEXT_MANIFEST)):
         return False
@@ -46,7 +46,7 @@ def _has_record(files: FileSystem, slot: Path) -> bool:
 
 
 def mark_built(files: FileSystem, folder: Path) -> None:
-    """Take the mark away; durable on return.
+    """Remove the mark; durable on return.
 
     Raises
     ------

@@ -47,9 +47,10 @@ class CurrentState:
 
 @dataclass(frozen=True, eq=False)
 class Built:
-    """What BUILD makes and nothing changes afterwards, and the keeper of the commits.
+    """The values that BUILD makes and that stay constant, and the keeper of the commits.
 
-    ``field``: if the client evaluates it, that of the reference mesh; of all others only the coefficients differ.
+    ``field``: the field of the reference mesh, if the client evaluates it; all other fields differ only in their
+    coefficients.
     """
 
     mesh: MergedMesh
@@ -59,7 +60,7 @@ class Built:
 
     @cached_property
     def field_parts(self) -> list[FieldPart]:
-        """What each partition needs of fields that the client evaluates; an only one gets all."""
+        """The parts of fields that each partition needs, if the client evaluates them; a single one gets everything."""
         if self.field is None:
             return []
         points, node_maps = self.mesh.points, self.mesh.node_maps
@@ -70,16 +71,16 @@ class Built:
 
     @cached_property
     def faces(self) -> FaceMeasures | None:
-        """Of the reference mesh; measured when somebody first asks."""
+        """Face measures of the reference mesh; computed at the first use."""
         return self.faces_at(self.mesh.points)
 
     def faces_at(self, points: Floats) -> FaceMeasures | None:
-        """Of the mesh with its nodes at ``points`` (n, d), the cells in the orientation that the model judges."""
+        """Face measures of the mesh with its nodes at ``points`` (n, d), with the cells in the model's orientation."""
         return face_measures(points, self._oriented.cells, self.mesh.points)
 
     @cached_property
     def listed_cells(self) -> tuple[CellTable, list[Floats]]:
-        """The cells as they were listed, and 1 for each one (m,) of a block, -1 if it was the other way round."""
+        """The cells as uploaded, and for each cell (m,) of a block 1, or -1 if it had the opposite orientation."""
         signs = np.ones(len(self.mesh.cells))
         signs[self._oriented.mirrored] = -1.0
         return self.mesh.cells, np.split(signs, self.mesh.cells.offsets[1:-1])
@@ -91,20 +92,20 @@ class Built:
 
 @dataclass(frozen=True, eq=False)
 class MoveOutcome:
-    """What a Move found.
+    """The result of a Move.
 
     Attributes
     ----------
     motion : Motion
-        Of the numerics.
+        The motion of the numerics.
     displacements : one (n_p, d) array per partition, mesh length unit
-        Of all its nodes, in its own order and in the frame of the request.
+        Displacements of all its nodes, in its own order and in the frame of the request.
     faces : tuple of FaceMeasures
-        Of the reference mesh and of the trial; empty where no request asked, or in one dimension.
+        Measures of the reference mesh and of the trial; empty if they were not requested, and in one dimension.
     field : Field, optional
         The displacement from the reference mesh, if the client evaluates it.
     velocity : (n, d) array, optional, mesh length unit per second
-        Of all nodes, where it was asked for.
+        Velocities of all nodes, if requested.
     """
 
     step: int
@@ -118,13 +119,13 @@ class MoveOutcome:
 
 @dataclass(frozen=True)
 class VelocityAsked:
-    """What a Move asks for in addition to displacements: velocities.
+    """The velocities that a Move requests in addition to displacements.
 
     Attributes
     ----------
     scheme : {"tangent", "bdf1", "bdf2", "bossak"}
     time : float or None
-        Of the step, seconds.
+        Time of the step, seconds.
     boundary : one (k_p, d) array per partition
         With "tangent": velocities of its moving nodes.
     """
@@ -136,16 +137,16 @@ class VelocityAsked:
 
 @dataclass(frozen=True, eq=False)
 class CommitOutcome:
-    """What a Commit makes durable, at once or later.
+    """The result of a Commit, which becomes durable at once or later.
 
     Attributes
     ----------
     step, durable_step : int
-        That of the commit, and the one that no power loss goes behind once it is answered.
+        The step of the commit, and the last step that survives a power loss after the answer.
     digest : bytes
         State digest, see :mod:`mesh_motion_protocol.digests`.
     quality : QualitySummary or LowestQuality
-        Of the committed coordinates.
+        Quality of the committed coordinates.
     corrected, level
         As in :class:`.state.CommittedState`.
     """
@@ -160,16 +161,16 @@ class CommitOutcome:
 
 @dataclass(frozen=True, eq=False)
 class Verdict:
-    """What a Judge leads to.
+    """The result of a Judge.
 
     Attributes
     ----------
     standard : QualitySummary
-        Of the mesh before its correction.
+        Quality of the mesh before its correction.
     extent : Extent or None
-        The region that is to be corrected first.
+        The region that must be corrected first.
     correction : Correction or None
-        What was done already.
+        The correction that was already done.
     """
 
     standard: QualitySummary

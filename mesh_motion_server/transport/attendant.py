@@ -1,7 +1,7 @@
 """A process through which people or programs observe the server: started, updated every second, restarted.
 
-It receives one order with the address to listen on, reports once whether it listens, and afterwards only receives. Its
-failure does not affect sessions.
+The process receives one order with the address to listen on, reports once whether it listens, and afterwards only
+receives. Its failure does not affect sessions.
 """
 
 import time
@@ -69,7 +69,7 @@ class Attendant:
         return True
 
     def spoke(self) -> bool:
-        """Read its report that it listens; False if it has ended instead or sent an invalid message."""
+        """Read the process's report that it listens; False if it has ended instead or sent an invalid message."""
         if self.child is None:
             return False
         match self.child.channel.receive():

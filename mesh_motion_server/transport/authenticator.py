@@ -70,7 +70,7 @@ class Authenticator:
             return
         status, text, user = self._judge(question)
         self._count(status)
-        with contextlib.suppress(zmq.ZMQError):  # the asking socket is gone: the handshake then fails
+        with contextlib.suppress(zmq.ZMQError):  # the socket that asked is gone: the handshake then fails
             self.socket.send_multipart([*path, b"1.0", question[1], status, text, user, b""], flags=zmq.NOBLOCK)
 
     def _judge(self, question: list[bytes]) -> tuple[bytes, bytes, bytes]:

@@ -54,7 +54,7 @@ class Control:
     access : Access
         The roles of each user.
     disk : DiskWatch
-        Of the store: while the disk does not answer, the store is not read, because this thread would block.
+        The disk of the store: while it does not answer, the store is not read, because this thread would block.
     """
 
     def __init__(
@@ -284,7 +284,7 @@ class Control:
             self._execute(live.queue.popleft())
 
     def gone(self, live: Live, code: int) -> None:
-        """A worker has ended: by an order, by itself, or by a failure."""
+        """Handle the end of a worker: by an order, by itself, or by a failure."""
         log().info("worker_ended", session=live.session, worker=live.child.pid, code=code, over=live.over)
         asked, live.asked, live.deadline = live.asked, None, None
         reclaiming, live.reclaiming = live.reclaiming, False
@@ -304,7 +304,7 @@ class Control:
         if not reclaiming or (self.draining and not live.over):
             self._refuse(asked, failure)
         elif live.over:
-            self._execute(asked)  # it ended as its last holder wished: a new worker looks for a stored state
+            self._execute(asked)  # it ended at its last holder's request: a new worker looks for a stored state
         else:
             try:
                 self._restart(live, asked)

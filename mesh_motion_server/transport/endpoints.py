@@ -1,4 +1,4 @@
-"""Endpoints: which addresses are allowed, the folder and lock of an ipc endpoint, sockets with all limits set."""
+"""Endpoints: allowed addresses, the folder and lock of an ipc endpoint, sockets with all limits set."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class EndpointError(MeshMotionError):
 
 @dataclass(frozen=True)
 class Endpoint:
-    """Where the control endpoint listens.
+    """The address of the control endpoint.
 
     Attributes
     ----------
@@ -164,7 +164,7 @@ def _remove_without_listener(file: Path) -> None:
         except ConnectionRefusedError:
             file.unlink(missing_ok=True)
         except OSError:
-            pass  # such as a worker that is busy
+            pass  # for example a busy worker
 
 
 def bind(socket: zmq.Socket[bytes], address: str) -> str:

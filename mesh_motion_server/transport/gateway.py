@@ -1,4 +1,4 @@
-"""The control endpoint: one ROUTER socket for headers only, in a process of its own with little memory.
+"""The control endpoint: one ROUTER socket for headers only, in its own process with little memory.
 
 It decodes, answers HELLO and PING itself and passes OPEN, RESUME, LIST, PROBE on to the supervisor, which knows the
 sessions. It has no state, so the supervisor may restart it at any time.
@@ -43,7 +43,7 @@ _MEMORY = 512 << 20
 #: Memory beyond that of the start that the C library may keep.
 _KEPT = 32 << 20
 _QUEUED = 32
-#: Open files and connections; beyond this, new connections wait in the kernel until some have ended.
+#: Largest number of open files and connections; further connections wait in the kernel until some have ended.
 _DESCRIPTORS = 4096
 
 
@@ -53,7 +53,7 @@ class Gateway:
     Parameters
     ----------
     channel : Channel
-        To the supervisor.
+        Channel to the supervisor.
     socket : zmq.Socket
         Bound ROUTER.
     welcome : dict
@@ -61,7 +61,7 @@ class Gateway:
     features : sequence of str
         Optional parts of the protocol that this server supports.
     protection : Protection, optional
-        Of the socket, on a server with keys.
+        Protection of the socket, on a server with keys.
     insecure : bool
         Whether other machines reach the endpoint without keys: HELLOs are then counted.
     """

@@ -20,12 +20,13 @@ from mesh_motion_server.transport.telemetry import log
 __all__ = ["GatewayLine"]
 
 #: More failed starts than this in an hour have a cause that one more start does not remove. A gateway that listened and
-#: fell does not count: the sessions work without it, and a client that makes it fall must not end them.
+#: then failed does not count: the sessions work without it, and a client that makes it fail must not end them.
 _STARTS = 20
-#: Seconds before the next start after a start that failed, or after a fall within the longest pause; doubled each time
-#: up to the limit, because a shortage of memory or processes can last.
+#: Seconds before the next start after a failed start, or after a failure within the longest pause; doubled each time up
+#: to the limit, because a lack of memory or processes can last.
 _PAUSE, _LONGEST_PAUSE = 0.2, 5.0
-#: Seconds within which it must import, bind and test itself; on an idle machine it needs some tenths of a second.
+#: Seconds within which the gateway must import, bind and test itself; on an idle machine it needs some tenths of a
+#: second.
 _START_SECONDS = 60.0
 #: Replies kept for a gateway that does not read, at most 64 KiB each.
 _KEPT_REPLIES = 256
@@ -39,18 +40,18 @@ class GatewayLine:
     selector : selectors.BaseSelector
         The supervisor's: each source has the function that is called when it becomes readable.
     endpoint : str
-        Where the gateway shall listen.
+        The endpoint of the gateway.
     launch : callable
-        Starts a process that has the order to listen there.
+        Starts a process with the order to listen there.
     request : callable
         Peer, user and frame of a control request.
 
     Attributes
     ----------
     endpoint : str
-        Where it listens, after the start: port 0 is replaced by the actual port.
+        The endpoint after the start: port 0 is replaced by the actual port.
     answered_at : float
-        When its loop last answered, on the monotonic clock.
+        Time of the gateway loop's last answer, on the monotonic clock.
     """
 
     def __init__(
@@ -69,7 +70,7 @@ class GatewayLine:
         self._request = request
         self._attempts = Attempts(_STARTS)
         self._pause = _PAUSE
-        self._due = 0.0  # when it must listen, or must be started
+        self._due = 0.0  # time by which it must listen, or must be started
         self._asked_at: float | None = None
         self._outbox: Outbox | None = None
 
@@ -79,7 +80,7 @@ class GatewayLine:
         Raises
         ------
         EndpointError
-            If it cannot; ProtectionError if it admits or refuses the wrong keys.
+            If it cannot listen; ProtectionError if it admits or refuses the wrong keys.
         """
         self._attempts.note(time.monotonic())
         gateway = self._launch(self.endpoint)
@@ -97,7 +98,7 @@ class GatewayLine:
 
     @property
     def lost(self) -> bool:
-        """Whether it has failed too often and is not restarted."""
+        """Whether the gateway has failed too often and is not restarted."""
         return self.child is None and self._attempts.over(time.monotonic())
 
     # --- to it -------------------------------------------------------------------------------------------------------
@@ -111,7 +112,7 @@ class GatewayLine:
         self._await_room()
 
     def ask(self, now: float, patience: float) -> None:
-        """Ask whether its loop runs; ``answered_at`` has the last answer. Ask again after ``patience`` seconds."""
+        """Ask if the gateway's loop runs; ``answered_at`` has the last answer. Ask again after ``patience`` seconds."""
         waiting = self._asked_at is not None and now - self._asked_at < patience
         if self.child is not None and not waiting and self.child.channel.offer({"order": "ping"}):
             self._asked_at = now
@@ -127,7 +128,7 @@ class GatewayLine:
     # --- from it -----------------------------------------------------------------------------------------------------
 
     def _turned(self, _source: Any) -> None:
-        """Handle an event: there is room for replies, or it has sent a message or ended."""
+        """Handle an event of the gateway: there is room for replies, or it has sent a message or ended."""
         if self.child is None or self._outbox is None:
             return
         self._outbox.flush()

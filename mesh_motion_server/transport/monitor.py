@@ -1,4 +1,4 @@
-"""``/metrics``, ``/healthz`` and ``/readyz`` over HTTP, in a process of its own.
+"""``/metrics``, ``/healthz`` and ``/readyz`` over HTTP, in a separate process.
 
 ``python -m mesh_motion_server.transport.monitor CHANNEL LEVEL``. It knows only what the supervisor sends every second:
 totals, and what is missing. So slow scrapers, port scans or a flood of connections load this process alone, and it has
@@ -129,7 +129,7 @@ class _Listener:
         if writer.can_write_eof():
             writer.write_eof()
         while await reader.read(_REQUEST_BYTES):
-            pass  # closing with unread data would discard the answer; the client closes when it has it
+            pass  # closing with unread data would discard the answer; the client closes when it has the answer
 
 
 def _response(pages: Pages, request: bytes) -> bytes:
@@ -151,7 +151,7 @@ def _response(pages: Pages, request: bytes) -> bytes:
 
 
 def _hosts(request: bytes) -> list[str]:
-    """The Host headers. No browser leaves them out, as probes of HTTP/1.0 do."""
+    """Return the Host headers. Browsers always send one; probes with HTTP/1.0 may not."""
     headers = (line.partition(b":") for line in request.split(b"\r\n")[1:])
     return [value.strip().decode("latin-1") for name, _, value in headers if name.strip().lower() == b"host"]
 

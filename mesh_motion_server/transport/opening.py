@@ -28,7 +28,7 @@ def check_open(request: Open, limits: ServerSettings) -> str:
     Raises
     ------
     InvalidInput
-        With the field or the setting, and its value.
+        The message names the field or the setting, and its value.
     ResourceExhausted
         If the request asks for more bytes than a session may have.
     """
@@ -60,7 +60,7 @@ def check_room(request: Open, limits: ServerSettings, disk: DiskWatch) -> None:
     Raises
     ------
     ResourceExhausted
-        RESOURCE_EXHAUSTED.DISK or .SESSIONS, with what is left; a later request may succeed.
+        RESOURCE_EXHAUSTED.DISK or .SESSIONS, with the remaining amount; a later request may succeed.
     """
     free, wanted = disk.fresh().free, limits.reserve_disk_bytes + request.bytes_reserved
     if free < wanted:

@@ -1,7 +1,7 @@
-"""Children of the supervisor: how they start, their limits, and how they end with the supervisor.
+"""Children of the supervisor: their start, their limits, and their end with the supervisor.
 
-All are forked from the supervisor. Workers are forked from the template, a child that has imported everything: a server
-starts in a third of a second, a session in milliseconds, and imported modules are in memory once.
+All are forked from the supervisor, workers through the template, a child that has imported everything. So a server
+starts in a third of a second and a session in milliseconds, and imported modules are in memory only once.
 """
 
 from __future__ import annotations
@@ -49,9 +49,9 @@ _PR_SET_CHILD_SUBREAPER = 36
 _M_ARENA_MAX = -8
 #: A child must end within this time after its line is closed, and again after SIGKILL, seconds.
 _END_SECONDS = 5.0
-#: From -1000 to 1000; 0 is usual.
+#: Priority for the kernel's OOM killer, from -1000 to 1000; 0 is usual.
 _OOM_SCORE = 500
-#: NumPy's names, before version 2.4 and since; it passes over those that it does not know.
+#: NumPy's names for these features, before version 2.4 and since; it skips names that it does not know.
 _AVX512 = "AVX512F AVX512CD AVX512_SKX AVX512_CLX AVX512_CNL AVX512_ICL AVX512_SPR X86_V4"
 #: Starts of one child are counted over this period, seconds.
 _COUNTED_SECONDS = 3600.0
@@ -139,9 +139,9 @@ class Attempts:
 
 
 def spawn(module: str, *arguments: str, threads: int = 1, fresh: bool = False) -> Child:
-    """Fork a child that calls ``main(channel, *arguments)`` of a module: it need not import what this process has.
+    """Fork a child that calls ``main(channel, *arguments)`` of a module; modules of this process are already imported.
 
-    With ``fresh`` it starts as ``python -m module DESCRIPTOR arguments…`` and has nothing of the supervisor's memory.
+    With ``fresh`` the child starts as ``python -m module DESCRIPTOR arguments…``, without the supervisor's memory.
 
     The compiled loops of the child have their own threads, which sleep while they wait: while a solver uses every
     core, spinning threads take three times as long. This process must have no zmq context, and no thread that holds a
@@ -189,7 +189,7 @@ def _begin(supervisor: int, line: int) -> None:
     os.dup2(null, 1)
     for descriptor in map(int, os.listdir("/dev/fd")):
         if descriptor > 2 and descriptor != line:
-            with contextlib.suppress(OSError):  # the listing's own
+            with contextlib.suppress(OSError):  # the descriptor of the listing itself
                 os.close(descriptor)
     TALLY.take()
     _use_one_heap()
@@ -197,7 +197,7 @@ def _begin(supervisor: int, line: int) -> None:
 
 
 def _end_with(live: Callable[[], int]) -> NoReturn:
-    """Run the child and end it; nothing of what the supervisor does at its own exit runs here."""
+    """Run the child and end it; the exit functions of the supervisor do not run in it."""
     status = 1
     try:
         status = live()
@@ -207,16 +207,17 @@ def _end_with(live: Callable[[], int]) -> NoReturn:
         os._exit(status)
 
 
-# CPython maps 16 KiB for frames and unmaps them whenever a call crosses their end: deep imports did this 12 000 times,
-# a quarter of a second. A frame that needs more than 16 KiB leaves room for all further calls.
+# CPython maps 16 KiB for frames and unmaps them when calls cross their end: deep imports did this 12 000 times, which
+# took a quarter of a second. A frame that needs more than 16 KiB leaves room for all further calls.
 _end_with.__code__ = _end_with.__code__.replace(co_stacksize=1 << 16)
 
 
 def repeatable_libraries() -> dict[str, str]:
     """Environment in which BLAS and NumPy give the same bits on any number of threads and on any processor with AVX2.
 
-    Both choose their code by the processor, and its sums and logarithms differ in the last bit. So OpenBLAS, which the
-    wheels of NumPy and SciPy have, takes its code for AVX2, and NumPy none for AVX-512. A steady step takes no longer.
+    Both choose their code by the processor, and sums and logarithms of different code differ in the last bit. So
+    OpenBLAS, which is in the wheels of NumPy and SciPy, is set to its code for AVX2, and NumPy's code for AVX-512 is
+    disabled. A steady step takes no longer.
     """
     names = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS", "OMP_NUM_THREADS")
     threads = dict.fromkeys(names, "1")
@@ -225,16 +226,19 @@ def repeatable_libraries() -> dict[str, str]:
 
 
 def use_repeatable_libraries() -> None:
-    """Set that environment here; call this before numpy is imported.
+    """Set this environment in this process; call it before numpy is imported.
 
-    NumPy warns of names that it does not know, and does not start where warnings are errors.
+    NumPy warns about names that it does not know, and does not start if warnings are errors.
     """
     os.environ.update(repeatable_libraries())
     warnings.filterwarnings("ignore", "During parsing environment variable: 'NPY_DISABLE", ImportWarning)
 
 
 def _has_avx2() -> bool:
-    """As Linux describes the first processor. The compiled loops know too, but they make their threads when loaded."""
+    """Whether the first processor has AVX2, according to Linux.
+
+    The compiled loops know it too, but loading them starts threads.
+    """
     with contextlib.suppress(OSError), open("/proc/cpuinfo", encoding="latin-1") as lines:
         return any(line.startswith("flags") and {"avx2", "fma"} <= set(line.split()) for line in lines)
     return False
@@ -311,7 +315,8 @@ def _die_with(parent: int) -> None:
 def limit_address_space(allowance: int) -> None:
     """Bound the address space to what is mapped now plus ``allowance`` bytes.
 
-    No other limit stops frames that announce MORE for ever: MAXMSGSIZE and the high-water marks do not count them.
+    No other limit stops a message with endless frames (flag MORE): MAXMSGSIZE and the high-water marks do not count
+    frames.
     """
     mapped = _mapped_bytes()
     if mapped:
@@ -321,22 +326,22 @@ def limit_address_space(allowance: int) -> None:
 
 
 def _use_one_heap() -> None:
-    """Let all threads take memory from the heap of the first; call this before any other starts.
+    """Let all threads use the heap of the first thread; call this before any other thread starts.
 
-    glibc gives each thread a heap, and keeps its addresses when all in it is freed. After a connection that sent frames
-    until the limit of the address space cut it, nothing was left to map for ever.
+    glibc gives each thread a heap, and keeps the heap's addresses when its memory is freed. After a connection that
+    sent frames up to the limit of the address space, no addresses were left.
     """
-    set_option = getattr(ctypes.CDLL(None), "mallopt", None)  # no other C library has heaps for threads
+    set_option = getattr(ctypes.CDLL(None), "mallopt", None)  # other C libraries have no heaps for threads
     if set_option is not None:
         set_option(_M_ARENA_MAX, 1)
 
 
 def return_memory() -> None:
-    """Hand what the C library keeps of freed memory back to the system.
+    """Return freed memory that the C library keeps to the system.
 
-    glibc keeps small pieces for later, such as the half gigabyte of frames that a connection sent before it was cut.
+    glibc keeps small pieces for later, for example half a gigabyte of frames from a connection that was then closed.
     """
-    trim = getattr(ctypes.CDLL(None), "malloc_trim", None)  # no other C library has it
+    trim = getattr(ctypes.CDLL(None), "malloc_trim", None)  # other C libraries do not have it
     if trim is not None:
         trim(0)
 
@@ -376,5 +381,5 @@ def wake_on_signals(*signals: signal.Signals) -> socket.socket:
     return reader
 
 
-#: The writing ends stay open as long as the process runs.
+#: The writing ends stay open until the process ends.
 _writers: list[socket.socket] = []

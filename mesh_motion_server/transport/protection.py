@@ -1,11 +1,11 @@
-"""CURVE on a server's sockets: the server's key, the authenticator, the key of each message and what it may ask for.
+"""CURVE on a server's sockets: the server's key, the authenticator, the key of each message and its rights.
 
-Each context asks its own ``inproc://zeromq.zap.01`` about every handshake. In the gateway that is the
-:class:`~.authenticator.Authenticator`. A worker, whose interpreter may compute for minutes, passes the questions on to
+Each context asks its own ``inproc://zeromq.zap.01`` about every handshake. In the gateway this is the
+:class:`~.authenticator.Authenticator`. A worker, whose interpreter may compute for minutes, passes the requests on to
 the gateway from a thread of libzmq that needs no interpreter (:func:`forward_handshakes`).
 
-``ZAP_ENFORCE_DOMAIN`` makes libzmq refuse a handshake without an answer; without it a context that has no handler
-admits everybody.
+``ZAP_ENFORCE_DOMAIN`` makes libzmq refuse a handshake without an answer; without it a context without a handler admits
+every client.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ _DOMAIN = b"mesh-motion"
 
 @dataclass(frozen=True)
 class Protection:
-    """What a process needs to protect its sockets; sent over channels, never on command lines.
+    """The data with which a process protects its sockets; sent over channels, never on command lines.
 
     Attributes
     ----------
@@ -54,7 +54,7 @@ class Protection:
     allow_list : str
         Path of the allow-list.
     handshakes : str
-        The gateway's ipc endpoint where workers ask about handshakes.
+        The gateway's ipc endpoint for handshake requests of workers.
     """
 
     secret: str = field(repr=False)
@@ -82,7 +82,7 @@ class Protection:
 
     @classmethod
     def of_order(cls, order: dict[str, Any]) -> Protection | None:
-        """Return what the supervisor has sent, None for a server without keys."""
+        """Return the protection that the supervisor has sent; None for a server without keys."""
         values = order.get("protection")
         return cls(**values) if values else None
 
@@ -96,7 +96,7 @@ class Protection:
         return Everybody() if protection is None else AllowList(Path(protection.allow_list))
 
     def protect(self, socket: zmq.Socket[bytes]) -> None:
-        """Make a socket, which has its MAXMSGSIZE, a CURVE server whose handshakes are refused unless allowed."""
+        """Make a socket a CURVE server that refuses handshakes unless allowed; its MAXMSGSIZE is already set."""
         socket.setsockopt(zmq.CURVE_SERVER, 1)
         socket.setsockopt(zmq.CURVE_SECRETKEY, self.secret.encode())
         socket.setsockopt(zmq.ZAP_DOMAIN, _DOMAIN)
@@ -173,8 +173,8 @@ class Rights:
         Raises
         ------
         SessionError
-            UNAUTHENTICATED for a key taken off the list, NOT_FOUND or PERMISSION_DENIED as the table says, UNAVAILABLE
-            while the allow-list cannot be used.
+            UNAUTHENTICATED for a key removed from the list, NOT_FOUND or PERMISSION_DENIED according to the table,
+            UNAVAILABLE while the allow-list cannot be used.
         """
         verdict = decide(self._access.roles(user), request.type, own=self.is_owner(user))
         if verdict not in (Verdict.USE, Verdict.OVERSEE):

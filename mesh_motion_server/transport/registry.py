@@ -1,4 +1,4 @@
-"""The sessions, who may see them, and the control requests that were already made.
+"""The sessions, their owners, and the control requests that were already made.
 
 Values only: no process, no socket. The supervisor uses them.
 """
@@ -28,7 +28,7 @@ _REMEMBERED = 1024
 _FALLEN = 1024
 #: Largest number of sessions in one LISTED.
 _LISTED = 200
-#: Bytes of their entries; the rest of the header needs the difference.
+#: Bytes of these entries; the difference is for the rest of the header.
 _LISTED_BYTES = HEADER_BYTES - 1024
 
 
@@ -47,11 +47,12 @@ class Asked:
 class Live:
     """A session that has a worker, or had one since this server started.
 
-    ``owner`` is the public key of who opened it, empty on a server without keys. ``status`` is PROBED's ``worker``:
-    starting, alive or dead. ``asked`` is the OPEN or RESUME that waits for the worker; ``deadline`` is when that wait
-    ends; ``queue`` holds further RESUMEs, and requests that take this session's place. ``failure`` and ``over`` are the
-    worker's last words: why it could not start, that it ended as it should. ``suspended_at`` is when the lease ended on
-    the monotonic clock, None while a client has it; ``giving_way``: the worker ends because its place is needed.
+    ``owner`` is the public key of the user who opened it, empty on a server without keys. ``status`` is PROBED's
+    ``worker``: starting, alive or dead. ``asked`` is the OPEN or RESUME that waits for the worker; ``deadline`` is when
+    that wait ends; ``queue`` holds further RESUMEs, and requests that take this session's place. ``failure`` and
+    ``over`` come from the worker's last report: why it could not start, and that it ended normally. ``suspended_at`` is
+    when the lease ended on the monotonic clock, None while a client has it; ``giving_way``: the worker ends because its
+    place is needed.
     """
 
     session: str
@@ -75,12 +76,12 @@ class Live:
     giving_way: bool = False
 
     def note_suspended(self, suspended: bool, now: float) -> None:
-        """Take the worker's report whether its lease has ended."""
+        """Note the worker's report whether its lease has ended."""
         if suspended != (self.suspended_at is not None):
             self.suspended_at = now if suspended else None
 
     def listed(self) -> dict[str, Any]:
-        """Return its entry in LISTED."""
+        """Return the session's entry in LISTED."""
         worker = "alive" if self.status in ("alive", "starting") else "none"
         return {"session": self.session, "label": self.label, "state": self.state, "step": self.step,
                 "partitions": self.partitions, "worker": worker}  # fmt: skip
@@ -89,8 +90,8 @@ class Live:
 class RequestBook:
     """Control requests by user and id: a repeat gets the stored reply, or replaces the waiting one.
 
-    Ids are separate for each user: no user can get another user's reply with its token by using the same id, or make
-    the server forget another user's request. Waiting requests are kept.
+    Ids are separate for each user: a user cannot get another user's reply (with its token) by using the same id, and
+    cannot make the server forget another user's request. Waiting requests are kept.
     """
 
     def __init__(self) -> None:
@@ -173,7 +174,7 @@ class Registry:
         return self.live.get(session)
 
     def forget_fallen(self) -> None:
-        """Keep only the latest sessions whose worker failed and that were not resumed: the store has the others."""
+        """Keep only the latest sessions whose worker failed and that were not resumed: the others are in the store."""
         fallen = [live.session for live in self.live.values() if live.status == "dead"]
         for session in fallen[:-_FALLEN]:
             del self.live[session]
@@ -183,7 +184,7 @@ class Registry:
         return [live for live in self.live.values() if live.status != "dead" and live.state != "CLOSED"]
 
     def page(self, after: str, shown: Callable[[str], bool]) -> tuple[list[tuple[str, dict[str, Any]]], bool]:
-        """LISTED's sessions behind ``after`` with their owners, and whether there are more; reads what is on the page.
+        """LISTED's sessions after ``after`` with their owners, and whether there are more; reads only this page.
 
         ``shown`` takes an owner and returns whether the asking user may see the owner's sessions.
         """
@@ -200,7 +201,7 @@ class Registry:
         return page, False
 
     def _serving(self, session: str) -> Live | None:
-        """Return the live session, None after CLOSE was answered: then the store decides whether it exists."""
+        """Return the live session; None after CLOSE was answered: then the store decides whether it exists."""
         live = self.live.get(session)
         return None if live is None or live.state == "CLOSED" else live
 

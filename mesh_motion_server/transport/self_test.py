@@ -22,7 +22,7 @@ _ENDS = (
     | zmq.EVENT_HANDSHAKE_FAILED_NO_DETAIL
     | zmq.EVENT_DISCONNECTED
 )
-#: Answers one waiting handshake request; for a process that is its own handler.
+#: A function that answers one waiting handshake request, for a process that is its own handler.
 Turn = Callable[[], None]
 
 

@@ -25,7 +25,7 @@ __all__ = ["EXIT_CONFIGURATION", "EXIT_UNAVAILABLE", "LIFELINE", "serve"]
 
 #: ``EX_CONFIG`` of sysexits.h: the settings ask for something unsafe.
 EXIT_CONFIGURATION = 78
-#: ``EX_UNAVAILABLE``: the endpoint or the state folder is taken, or the disk does not give the state folder.
+#: ``EX_UNAVAILABLE``: the endpoint or the state folder is in use, or the disk does not give the state folder.
 EXIT_UNAVAILABLE = 69
 #: Environment variable with the number of an inherited file descriptor: the server drains when it reads as ended. A
 #: client that starts a private server holds the other end, so that the server never outlives it.
@@ -33,7 +33,7 @@ LIFELINE = "MESH_MOTION_LIFELINE_FD"
 #: Environment variable with a JSON list of the folders that the client made for its private server. The server removes
 #: them at its end, because a client that is killed cannot.
 _PRIVATE_FOLDERS = "MESH_MOTION_PRIVATE_FOLDERS"
-#: Alternatives to listening for other machines.
+#: Alternatives to an endpoint for other machines.
 _INSTEAD = {
     "metrics": "let something on this machine fetch them",
     "monitor": "from another machine look through `ssh -L 7441:127.0.0.1:7441 HOST`",
@@ -58,20 +58,20 @@ def serve(
     insecure : bool
         Listen on an address that other machines reach, without encryption and authentication.
     ready_file : Path, optional
-        Written, whole at once, when clients may connect: JSON with ``endpoint``, ``metrics`` and ``monitor`` (empty
+        Written in one piece when clients may connect: JSON with ``endpoint``, ``metrics`` and ``monitor`` (empty
         without), ``pid``, ``boot``, ``version``. The same endpoint goes to standard output in one line,
         ``ready ENDPOINT``.
     level : {"debug", "info", "warning", "error"}
-        Of the logs on standard error.
+        Level of the logs on standard error.
     template : str
-        Module that the template runs: tests have sessions of their own.
+        Module that the template runs; tests use their own.
 
     Returns
     -------
     int
         Exit status: 0 after a drain, 69 if the endpoint or the state folder is taken or the disk fails, 70 if the
-        gateway or the workers keep falling, 78 if the endpoint or the state folder is wrong or unsafe, the keys do not
-        protect it, or a plan of failpoints is wrong.
+        gateway or the workers fail repeatedly, 78 if the endpoint or the state folder is wrong or unsafe, the keys do
+        not protect it, or a plan of failpoints is wrong.
     """
     configure("supervisor", level)
     if ready_file is not None:
@@ -99,7 +99,7 @@ def serve(
             lock.close()
         state.release()
         for folder in private:
-            shutil.rmtree(folder, ignore_errors=True)  # the client may be removing it too
+            shutil.rmtree(folder, ignore_errors=True)  # the client may remove it at the same time
 
 
 class _RefusedError(Exception):
@@ -129,7 +129,7 @@ def _prepare(settings: ServerSettings, *, insecure: bool) -> tuple[Protection | 
 
 
 def _hold(settings: ServerSettings) -> StateFolder:
-    """Take the state folder, and name this server as its holder."""
+    """Take the state folder, and write this server into it as its holder."""
     try:
         state = StateFolder(settings.state_folder)
         state.name_holder(settings.endpoint)

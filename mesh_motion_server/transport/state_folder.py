@@ -21,12 +21,12 @@ _LOCK = "server.lock"
 class StateFolder:
     """The state folder, held by this process until it ends.
 
-    The kernel ends the lock with its process, however that ends: what a crash leaves is an unlocked file.
+    The kernel ends the lock together with its process: after a crash the file is unlocked.
 
     Parameters
     ----------
     root : Path
-        Made with mode 0700 if it is missing.
+        The folder; made with mode 0700 if it is missing.
 
     Raises
     ------
@@ -61,12 +61,12 @@ class StateFolder:
             raise _refused(root, error) from error
 
     def name_holder(self, endpoint: str) -> None:
-        """Write who holds the folder, for the error of another server.
+        """Write this server as the holder, for the error of another server.
 
         Raises
         ------
         ResourceExhausted
-            RESOURCE_EXHAUSTED.DISK if the disk does not take it.
+            RESOURCE_EXHAUSTED.DISK if the disk cannot store it.
         """
         text = json.dumps({"pid": os.getpid(), "host": socket.gethostname(), "endpoint": endpoint}).encode()
         try:
@@ -81,7 +81,7 @@ class StateFolder:
 
 
 def _require_own(folder: Path) -> None:
-    """Raise if other users may change what is in a folder, or where a link in its place leads."""
+    """Raise if other users may change the content of a folder, or the target of a link in its place."""
     try:
         entry, found = folder.lstat(), folder.stat()
     except FileNotFoundError:
@@ -103,9 +103,9 @@ def _require_own(folder: Path) -> None:
 
 
 def _require_in_place(root: Path) -> None:
-    """Raise if everybody may put another folder in the place of the state folder, or of one above it.
+    """Raise if every user may put another folder in the place of the state folder, or of a folder above it.
 
-    What a group may write to is accepted: folders of a project often are so.
+    A folder that a group may write to is accepted, because folders of projects are often of this kind.
     """
     for folder in dict.fromkeys((*root.absolute().parents, *root.resolve().parents)):
         mode = stat.S_IMODE(folder.stat().st_mode)
@@ -117,7 +117,7 @@ def _require_in_place(root: Path) -> None:
 
 
 def _holder(lock: int) -> str:
-    """Who wrote the lock file; in doubt, that it is unknown."""
+    """The holder in the lock file; if it cannot be read, a text that says so."""
     try:
         found: dict[str, Any] = json.loads(os.pread(lock, 4096, 0))
         return f"process {found['pid']} on {found['host']}, endpoint {found['endpoint']}"

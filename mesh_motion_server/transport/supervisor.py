@@ -38,11 +38,11 @@ __all__ = ["TEMPLATE", "Supervisor"]
 
 #: Module from which workers are forked. The supervisor does not import it: it loads the numerics.
 TEMPLATE = "mesh_motion_server.transport.template"
-#: Processes that end in succession before their first message: their imports are broken.
+#: Number of processes in succession that end before their first message: then their imports are broken.
 _WORKER_STARTS = 3
 #: A worker that has closed its line must end within this time, seconds.
 _LEAVE_SECONDS = 5.0
-#: The socket by which workers ask the gateway about handshakes.
+#: The socket for handshake requests of the workers to the gateway.
 _HANDSHAKES = "handshakes"
 #: ``EX_SOFTWARE`` of sysexits.h: the server cannot work, and a restart will not help.
 _DEFECT = 70
@@ -56,7 +56,7 @@ class Supervisor:
     level : str
         Log level, handed to the children.
     protection : Protection, optional
-        The server's keys; without them everybody who reaches an endpoint may use it.
+        The server's keys; without them every user who reaches an endpoint may use it.
     manager : ServiceManager, optional
         The service manager that started the server and gets its status.
     template : str
@@ -123,7 +123,7 @@ class Supervisor:
             self._stop()
             raise
         self._template = self._next_template()
-        self._disk.ask()  # its thread takes address space, which would add to the limit of a child that is forked later
+        self._disk.ask()  # its address space would be added to the limit of children forked later
         # a reader of the ready line may stop the server at once
         self._listen(wake_on_signals(signal.SIGTERM, signal.SIGINT), self._signalled)
         return {"endpoint": self._gateway.endpoint} | {of.name: of.address for of in self._watch.attendants}
@@ -152,7 +152,7 @@ class Supervisor:
         """Do the work of each second."""
         self._hurry(now)
         if self._template is None and not (self._control.draining or self._workers_fail):
-            self._template = self._next_template()  # an earlier start failed for lack of processes or memory
+            self._template = self._next_template()  # an earlier start failed because of a lack of processes or memory
         for attendant in self._watch.attendants:
             if attendant.child is None:
                 self._attend_again(attendant)
@@ -294,8 +294,8 @@ class Supervisor:
     def _worker_spoke(self, child: Child) -> None:
         """Handle all messages of the template or of a worker.
 
-        A worker reports before it replies. All its reports count before the next request of a client, who may have the
-        reply already.
+        A worker reports before it replies. All its reports are handled before the next request of a client, because the
+        client may already have the reply.
         """
         while child.channel.pending():
             message = child.channel.receive()
@@ -316,7 +316,7 @@ class Supervisor:
             self._control.reported(live, message)
 
     def _await_end(self, child: Child) -> None:
-        """Wait for the end of a process whose line has ended, without blocking others."""
+        """Wait for the end of a process whose line has ended, without blocking other work."""
         template = child is self._template
         if template:
             self._template = None

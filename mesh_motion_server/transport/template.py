@@ -49,13 +49,15 @@ __all__ = ["Service", "main"]
 
 #: Whole messages queued per connection: the high-water mark counts messages, whatever their size.
 _QUEUED = 2
-#: Open files and connections: some for the journal and libraries, and one connection per partition and client.
+#: Number of open files and connections: some for the journal and libraries, and one connection per partition and
+#: client.
 _DESCRIPTORS = 2048
-#: Largest details of a failure sent to the supervisor, whose line takes headers; the message has the same content.
+#: Largest details of a failure sent to the supervisor, whose line accepts headers only; the message has the same
+#: content.
 _DETAILS_BYTES = 16 << 10
 
 
-#: What a worker serves with: the class of its host, and that of the store.
+#: The classes with which a worker serves: of its host, and of the store.
 Service = tuple[type["SessionHost"], type[SessionStore]]
 
 
@@ -71,7 +73,7 @@ def _import_service() -> Service:
 def main(channel: Channel, level: str, import_service: Callable[[], Service] = _import_service) -> int:
     """Import everything, then fork workers; each of them serves."""
     offer_to_the_oom_killer()
-    signal.signal(signal.SIGTERM, signal.SIG_IGN)  # the supervisor ends it
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)  # the supervisor ends this process
     configure("worker", level)
     activate()
     failpoint("template.start")
@@ -79,7 +81,7 @@ def main(channel: Channel, level: str, import_service: Callable[[], Service] = _
     service = import_service()
     failpoint("template.ready")
     channel.send({"event": "warm"})
-    gc.freeze()  # a worker's collections then leave the shared pages unchanged
+    gc.freeze()  # then collections in a worker leave the shared pages unchanged
     gc.enable()
     while (line := channel.take_over()) is not None:
         try:
@@ -107,7 +109,7 @@ def _work(channel: Channel, service: Service) -> int:
 
 
 def _serve(channel: Channel, order: dict[str, Any], service: Service, signals: Any) -> int:
-    """Serve from the order to the end of the session's use."""
+    """Serve from the order to the end of the session."""
     failpoint("worker.ordered")
     hosts, stores = service
     settings = ServerSettings.model_validate_json(order["settings"])
@@ -142,7 +144,7 @@ def _serve(channel: Channel, order: dict[str, Any], service: Service, signals: A
         failpoint("worker.over")
         channel.send({"event": "over", "closed": host.closed})
     finally:
-        # after any failure: a context with an open socket would never end, nor would this process
+        # after any failure: a context with an open socket would never end, and so the process would not end
         try:
             host.close()
             channel.send({"event": "farewell", "tally": TALLY.take()})
@@ -177,7 +179,7 @@ def _listen(
 
 
 def _report_progress(channel: Channel, step: int) -> None:
-    """Report a recomputed step, so that the supervisor goes on waiting."""
+    """Report a recomputed step, so that the supervisor continues to wait."""
     channel.offer({"event": "recomputed", "step": step})
 
 

@@ -46,7 +46,7 @@ class Watch:
     level : str
         Log level, handed to the attendants.
     disk : DiskWatch
-        Of the state folder.
+        The disk of the state folder.
 
     Attributes
     ----------
@@ -119,7 +119,7 @@ class Watch:
             # the latest ones; failed ones only if there is room after the working ones
             sessions = sorted(sessions, key=lambda entry: entry[1] != "dead")[-_MOST_SESSIONS:]
             self.page.send({"missing": missing, "sessions": sessions})
-        self._disk.ask()  # for the next time
+        self._disk.ask()  # base for the next time
 
     def _readiness(self, now: float, silence: float, *, draining: bool) -> Readiness:
         template, since = self._template
@@ -135,7 +135,7 @@ class Watch:
         )
 
     def _log_disk(self, readiness: Readiness) -> None:
-        """Log once when the disk gets full or silent, and once when it is well again."""
+        """Log once when the disk gets full or silent, and once when it is usable again."""
         disk, reserve = readiness.disk, self._settings.reserve_disk_bytes
         trouble = ""
         if readiness.disk_silence > SILENT_SECONDS:

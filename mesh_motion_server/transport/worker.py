@@ -1,7 +1,7 @@
 """A worker: one session's process, with its socket.
 
 It handles one request at a time: frames → message → host → replies → frames. While it computes it answers no other
-request; the gateway answers whether it is alive (PROBE). How it is started: :mod:`.template`.
+request; the gateway answers whether it is alive (PROBE). :mod:`.template` starts it.
 
 The lease holds while any connection is open. ``lease_seconds`` after the last one the session is suspended, and after
 ``idle_seconds`` the process ends; the session stays resumable. A session without a mesh ends with its lease.
@@ -65,7 +65,7 @@ class Lease:
             elif descriptor in self._connections:
                 self._connections.remove(descriptor)
                 self._alone_since = now
-                return_memory()  # of a message that was cut
+                return_memory()  # from a message that was cut
 
     def pass_over(self, frame: zmq.Frame, now: float) -> None:
         """Do not count the connection that a frame came from."""
@@ -83,11 +83,11 @@ class Worker:
     Parameters
     ----------
     channel : Channel
-        To the supervisor.
+        Channel to the supervisor.
     socket : zmq.Socket
         Bound ROUTER.
     rights : Rights
-        Which requests each user may make to this session.
+        The rights of each user in this session.
     """
 
     def __init__(

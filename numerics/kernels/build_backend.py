@@ -1,7 +1,7 @@
-"""scikit-build-core for numerics and server, with a compiler from PyPI (``ziglang``, 100 MB) where there is none.
+"""scikit-build-core for numerics and server, with a compiler from PyPI (``ziglang``, 100 MB) if there is no other.
 
-``pip install .`` in a checkout takes client and numerics from their folders, as they may not have been released. A
-wheel, a source distribution and an editable installation require their releases.
+``pip install .`` in a checkout installs client and numerics from their folders, because their versions may not be
+released yet. A wheel, a source distribution and an editable installation require their releases.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ prepare_metadata_for_build_editable = _backend.prepare_metadata_for_build_editab
 
 
 def _needs_compiler() -> bool:
-    """CMake's own search: CXX, or one of these names; the server has nothing to compile."""
+    """Whether CMake would find no compiler, in CXX or by one of these names; the server has nothing to compile."""
     compiles = Path("kernels", "CMakeLists.txt").exists()  # build front ends run the hooks in the project's folder
     return compiles and "CXX" not in os.environ and not any(map(shutil.which, ("c++", "g++", "clang++")))
 
@@ -43,7 +43,7 @@ def get_requires_for_build_editable(settings: Any = None) -> list[str]:
 
 @contextmanager
 def _compiler() -> Iterator[None]:
-    """Zig under the names that CMake looks for, where there is nothing else."""
+    """Provide Zig under the names that CMake looks for, if there is no other compiler."""
     if not _needs_compiler():
         yield
         return
@@ -63,9 +63,9 @@ def _compiler() -> Iterator[None]:
 
 @contextmanager
 def _parts_from_checkout() -> Iterator[None]:
-    """The requirements of own_releases.py are folders, where pip installs a checkout."""
+    """Let own_releases.py require the folders of the parts when pip installs a checkout."""
     root = Path(__file__).resolve().parents[2]
-    # pip sets it for the hooks that it runs, and build does not
+    # pip sets it for the hooks that it runs; build does not
     by_pip = "PIP_BUILD_TRACKER" in os.environ and "CIBUILDWHEEL" not in os.environ
     if not ((root / ".git").exists() and by_pip):
         yield

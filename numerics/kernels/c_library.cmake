@@ -1,4 +1,4 @@
-# libmesh_motion_kernels: the loops that evaluate and judge, behind include/mesh_motion_kernels.h.
+# libmesh_motion_kernels: the loops for evaluation and quality, with the interface include/mesh_motion_kernels.h.
 include(GNUInstallDirs)
 option(BUILD_SHARED_LIBS "A shared library" ON)
 
@@ -17,7 +17,7 @@ set_target_properties(mesh_motion_kernels PROPERTIES VISIBILITY_INLINES_HIDDEN O
                       VERSION ${PROJECT_VERSION} SOVERSION ${PROJECT_VERSION_MAJOR})
 
 install(TARGETS mesh_motion_kernels DESTINATION ${CMAKE_INSTALL_LIBDIR})
-# a module of Fortran fits one compiler: the source is installed, to be compiled with the code that uses it
+# a Fortran module works with one compiler only: the source is installed, and users compile it with their code
 install(FILES include/mesh_motion_kernels.h fortran/mesh_motion_kernels.f90 DESTINATION ${CMAKE_INSTALL_INCLUDEDIR})
 file(RELATIVE_PATH PREFIX /${CMAKE_INSTALL_LIBDIR}/pkgconfig /)
 configure_file(mesh_motion_kernels.pc.in mesh_motion_kernels.pc @ONLY)

@@ -1,4 +1,4 @@
-"""The requirements of a distribution of this repository: own parts in the release of its own version, and others."""
+"""The requirements of a distribution of this repository: its own parts, in the same version, and other packages."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ __all__ = ["dynamic_metadata", "dynamic_metadata_needs"]
 
 
 def dynamic_metadata(field: str, settings: Mapping[str, Any], project: Mapping[str, Any]) -> list[str]:
-    """The dependencies, as scikit-build-core asks for them; ``build_backend`` may name folders of own parts."""
+    """Return the dependencies for scikit-build-core; ``build_backend`` may name folders of own parts."""
     del field
     folders = json.loads(os.environ.get("MESH_MOTION_PARTS", "{}"))
     own = [part + folders.get(part, f"=={project['version']}") for part in settings["parts"]]
@@ -19,6 +19,6 @@ def dynamic_metadata(field: str, settings: Mapping[str, Any], project: Mapping[s
 
 
 def dynamic_metadata_needs(field: str, settings: Mapping[str, Any]) -> list[str]:
-    """What the requirements are made from."""
+    """Return the names of the fields from which the requirements are made."""
     del field, settings
     return ["version"]

@@ -1,4 +1,4 @@
-"""The types of arrays, by what they hold."""
+"""The types of arrays, named by their content."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -1,8 +1,8 @@
 """Linear algebra that is bitwise the same for any number of threads.
 
-A threaded BLAS splits its sums by the threads it finds, and spins while others compute. So matrices are cut into fixed
-tiles, each tile is computed by one thread of a BLAS limited to one, and the tiles are spread over Python threads (NumPy
-releases the interpreter lock in matrix products).
+A threaded BLAS splits its sums by the number of threads, and its idle threads spin while others compute. So matrices
+are cut into fixed tiles, each tile is computed by one thread of a BLAS limited to one, and the tiles are spread over
+Python threads (NumPy releases the interpreter lock in matrix products).
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -18,7 +18,7 @@ __all__ = ["for_each_tile", "one_blas_thread"]
 
 @cache
 def _libraries() -> list[LibController]:
-    """All that are loaded; finding them takes milliseconds: once."""
+    """Find all loaded BLAS libraries; only once, because it takes milliseconds."""
     import scipy.linalg  # noqa: F401, PLC0415  SciPy's own BLAS must be loaded to be found
 
     return list(ThreadpoolController().select(user_api="blas").lib_controllers)
@@ -26,7 +26,7 @@ def _libraries() -> list[LibController]:
 
 @contextmanager
 def one_blas_thread() -> Iterator[None]:
-    """Limit every loaded BLAS to one thread, and restore."""
+    """Limit every loaded BLAS to one thread, and restore the limits at the end."""
     several = [(library, found) for library in _libraries() if (found := library.get_num_threads()) != 1]
     for library, _ in several:
         library.set_num_threads(1)

@@ -88,7 +88,7 @@ def svd(B: Floats) -> SVD:
 
 
 def nearest_rotation(B: Floats) -> Floats:
-    """(m, d, d) the rotation nearest to each B (m, d, d), as (5.11) has it; of several equally near ones, one."""
+    """(m, d, d) the rotation nearest to each B (m, d, d), as in thesis (5.11); of several equally near ones, one."""
     left, _, right = svd(B)
     return np.asarray(left @ np.swapaxes(right, -1, -2))
 
@@ -96,8 +96,8 @@ def nearest_rotation(B: Floats) -> Floats:
 def nearest_rotation_slope(B: Floats) -> Floats:
     """(m, d, d, d, d) derivatives ``[i, a, b, c, e] = ∂R_ab/∂B_ce`` of the nearest rotations R of B (m, d, d).
 
-    With ``B = U S Vᵀ`` it is ``dR = U K Vᵀ``, where K is Uᵀ dB V minus its transpose, over the sums of two stretches;
-    directions whose stretches cancel out have none, since there the rotation is not determined.
+    With ``B = U S Vᵀ`` the derivative is ``dR = U K Vᵀ``, where K is Uᵀ dB V minus its transpose, divided by the sums
+    of two stretches. If such a sum is 0, the rotation is not determined, and the entry of K is 0.
     """
     left, stretches, right = svd(B)
     sums = stretches[:, :, None] + stretches[:, None, :]

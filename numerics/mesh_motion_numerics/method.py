@@ -21,26 +21,27 @@ Needs = Mapping[str, Mapping[str, tuple[str, ...]]]
 
 @dataclass(frozen=True, kw_only=True)
 class Key:
-    """What is known of a key, apart from its name.
+    """The data of a key, apart from its name.
 
     Attributes
     ----------
     default : str, int, float, bool or None
         None: chosen by the server.
     group : str
-        Heading of docs/method.md under which it stands.
+        Heading of docs/method.md under which the key is described.
     meaning : str
-        What it says, in one sentence.
+        Meaning of the key, in one sentence.
     when : str
         When to change it, Markdown; links are relative to ``docs/``.
     remark : str
-        Why a choice that one might expect is none, in parentheses behind what is expected.
+        Why an expected choice does not exist; shown in parentheses after the expected values.
     choices : tuple of str
-        Of a text: what may be chosen. Named here, as processes without scipy and the compiled loops check them.
+        Allowed values of a text. They are listed here because processes without scipy and the compiled loops check
+        them.
     above, low, high : float or None
-        Of a number: larger than this; from here; up to here.
+        Range of a number: larger than ``above``; from ``low``; up to ``high``.
     needs : mapping
-        Choice → other key → what the other one may be with it.
+        Choice → other key → values that the other key may have with this choice.
     """
 
     default: str | float | bool | None
@@ -61,7 +62,7 @@ class Key:
 
     @property
     def expected(self) -> str:
-        """What its value has to be, in words."""
+        """Description of the expected value, in words."""
         if self.choices:
             return f"one of {', '.join(self.choices)}{self.remark and f' ({self.remark})'}"
         name = {bool: "true or false", int: "an integer", float: "a number"}[self.kind]
@@ -236,7 +237,7 @@ class Method:
                     raise _refused(name, message, f"set another {other}, or leave {name} out")
 
     def _choose_what_is_left_out(self) -> None:
-        """The kind of motion: a smooth one, unless a key is named that only another one has."""
+        """Choose the kind of motion: a smooth one, unless a key is given that only the other kind has."""
         others = ("quality_metric", "correction_target", "reduction")
         asked = self.displacement == "relative" or any(getattr(self, name) != KEYS[name].default for name in others)
         if self.correction is None:

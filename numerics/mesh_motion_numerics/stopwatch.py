@@ -1,4 +1,4 @@
-"""Wall time of the phases of a motion, and the limit of it that a caller sets."""
+"""Wall time of the phases of a motion, and the time limit that a caller sets."""
 
 import math
 import time
@@ -10,7 +10,7 @@ from mesh_motion_protocol.errors import Timeout
 
 __all__ = ["PHASES", "Stopwatch", "check_time", "time_limit"]
 
-#: In the order they begin.
+#: The phases, in the order in which they begin.
 PHASES = ("solve", "displace", "predict", "correct")
 
 
@@ -23,7 +23,7 @@ class Stopwatch:
 
     @contextmanager
     def phase(self, name: str) -> Iterator[None]:
-        """Count the block's time towards ``name``, one of :data:`PHASES`."""
+        """Add the block's time to the phase ``name``, one of :data:`PHASES`."""
         begin = time.perf_counter()
         try:
             yield
@@ -31,17 +31,17 @@ class Stopwatch:
             self._seconds[name] += time.perf_counter() - begin
 
     def seconds(self) -> dict[str, float]:
-        """Seconds of each phase, and of everything since the start as ``total``."""
+        """Seconds of each phase, and all seconds since the start as ``total``."""
         return {**self._seconds, "total": time.perf_counter() - self._started}
 
 
-#: When the caller's limit ends, on :func:`time.monotonic`'s clock; and the limit.
+#: End of the caller's limit on :func:`time.monotonic`'s clock, and the limit itself.
 _END: ContextVar[tuple[float, float]] = ContextVar("_END", default=(math.inf, math.inf))
 
 
 @contextmanager
 def time_limit(seconds: float) -> Iterator[None]:
-    """Let :func:`check_time` raise within the block once ``seconds`` are over."""
+    """Let :func:`check_time` raise within the block after ``seconds`` are over."""
     token = _END.set((time.monotonic() + seconds, seconds))
     try:
         yield
@@ -50,7 +50,7 @@ def time_limit(seconds: float) -> Iterator[None]:
 
 
 def check_time() -> None:
-    """Called between the parts of a long computation, which has changed nothing yet.
+    """Raise if the time is over; called between the parts of a long computation, which has changed nothing yet.
 
     Raises
     ------

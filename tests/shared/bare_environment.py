@@ -1,6 +1,7 @@
-"""Environments with wheels and what some of their extras require, and nothing else, made without a registry.
+"""Environments with only wheels and the requirements of some of their extras, made without a registry.
 
-What is required is linked from the environment that runs the tests, distribution by distribution, as its metadata say.
+The requirements are linked from the environment that runs the tests, distribution by distribution, according to its
+metadata.
 """
 
 import os
@@ -21,7 +22,7 @@ _EXTRA = re.compile(r"\bextra == ['\"]([\w-]+)['\"]")
 
 
 def build(target: str, folder: Path, source: Path = ROOT) -> Path:
-    """The ``sdist`` or ``wheel`` of a source tree, its kernels for this machine alone."""
+    """Build the ``sdist`` or ``wheel`` of a source tree, with kernels for this machine only."""
     options = ["--no-isolation", "--skip-dependency-check", f"--{target}", "--outdir", str(folder)]
     command = [sys.executable, "-m", "build", *options, "-Ccmake.define.MESH_MOTION_LEVELS=native"]
     environment = os.environ | {"SOURCE_DATE_EPOCH": "1700000000"}
@@ -31,7 +32,7 @@ def build(target: str, folder: Path, source: Path = ROOT) -> Path:
 
 
 def bare_environment(folder: Path, wheels: Sequence[Path], extras: Iterable[str] = ()) -> Path:
-    """A new environment's ``bin``."""
+    """Make a new environment; return its ``bin``."""
     venv.create(folder, with_pip=False)
     python = folder / "bin" / "python"
     pip = [sys.executable, "-m", "pip", "--python", str(python), "install", "--quiet", "--no-deps", "--no-index"]
@@ -44,7 +45,7 @@ def bare_environment(folder: Path, wheels: Sequence[Path], extras: Iterable[str]
 
 
 def _required(own: Sequence[Distribution], extras: set[str]) -> list[Distribution]:
-    """What distributions require with these extras, and what that requires."""
+    """The requirements of distributions with these extras, and their own requirements."""
     found: dict[str, Distribution] = {each.name: each for each in own}
     waiting: list[tuple[Distribution, set[str]]] = [(each, extras) for each in own]
     while waiting:
@@ -64,7 +65,7 @@ def _required(own: Sequence[Distribution], extras: set[str]) -> list[Distributio
 
 
 def _link(found: Distribution, packages: Path) -> None:
-    """Its files, by links to their outermost folders."""
+    """Link the files of a distribution, by links to their outermost folders."""
     for name in {path.parts[0] for path in found.files or () if path.parts[0] not in ("..", "__pycache__")}:
         source, link = Path(str(found.locate_file(name))), packages / name
         if not link.exists():
@@ -72,7 +73,7 @@ def _link(found: Distribution, packages: Path) -> None:
 
 
 def tracked() -> list[str]:
-    """What git keeps of the checkout, or will."""
+    """The files of the checkout that git tracks, or will track."""
     command = ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"]
     listed = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     if listed.returncode:
@@ -81,6 +82,6 @@ def tracked() -> list[str]:
 
 
 def names_in(wheel: Path) -> set[str]:
-    """The files of a wheel."""
+    """Names of the files in a wheel."""
     with zipfile.ZipFile(wheel) as archive:
         return set(archive.namelist())

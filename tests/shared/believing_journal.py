@@ -1,4 +1,4 @@
-"""A seeded bug: a journal that takes what stands in a slot for a state, whatever its checksum and its digest say."""
+"""A seeded bug: a journal that takes the content of a slot for a state, without regard to checksum and digest."""
 
 from typing import Any
 
@@ -10,7 +10,7 @@ from mesh_motion_server.session.journal import journal as journal_module
 
 
 def believe_every_slot(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Seed it."""
+    """Seed the bug."""
     honest = journal_files.view_slot
 
     def believe(path: Any, files: Any, foundation: Any) -> Any:

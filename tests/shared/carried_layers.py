@@ -1,4 +1,4 @@
-"""Layers of a given thickness, whatever their cells look like: how they are carried is tested on small meshes."""
+"""Layers of a given thickness, for any cells: tests use small meshes for the carrying of layers."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -8,7 +8,7 @@ from mesh_motion_numerics.motion.boundary_layer import BoundaryLayer
 
 
 def with_layer(model: Any, patches: Any, thickness: float, *, offered: bool = False) -> Any:
-    """The model, whose walls carry nodes up to a thickness always, or (``offered``) where that does no harm."""
+    """The model, whose walls always carry nodes up to a thickness, or (with ``offered``) only if that does no harm."""
     sliding = model.standard_motion.sliding
     layer = BoundaryLayer.build(model.points, model.cells, patches, thickness=thickness, sliding=sliding)
     if offered:

@@ -1,4 +1,4 @@
-"""CGNS files made node by node, and a mesh of simple cells as one."""
+"""CGNS files made node by node, and a mesh of simple cells in such a file."""
 
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,7 @@ _TYPE_NAMES = {"f4": "R4", "f8": "R8", "i4": "I4", "i8": "I8", "i1": "C1"}
 
 
 def new_cgns(path: Path) -> Any:
-    """An HDF5 file with what CGNS wants at its root."""
+    """Make an HDF5 file with the items that CGNS requires at its root."""
     root = h5py.File(path, "w", locking=False, track_order=True)
     _label(root, "HDF5 MotherNode", "Root Node of HDF5 File", "MT")
     root.create_dataset(" format", data=np.frombuffer(b"IEEE_LITTLE_32\0", np.int8))
@@ -23,7 +23,7 @@ def new_cgns(path: Path) -> Any:
 
 
 def add_node(parent: Any, name: str, label: str, data: NDArray[Any] | str | None = None) -> Any:
-    """Add a node with characters, integers (32 bits if they fit, but for a connectivity's own width) or reals."""
+    """Add a node with characters, integers (32 bits if they fit, except in a connectivity) or reals."""
     group = parent.create_group(name, track_order=True)
     if isinstance(data, str):
         data = np.frombuffer(data.encode(), np.int8)
@@ -37,7 +37,7 @@ def add_node(parent: Any, name: str, label: str, data: NDArray[Any] | str | None
 
 
 def _label(group: Any, name: str, label: str, kind: str) -> None:
-    """The attributes of a node, of the lengths that the format fixes."""
+    """Write the attributes of a node, with the lengths that the format fixes."""
     for key, text, length in (("name", name, 33), ("label", label, 33), ("type", kind, 3)):
         group.attrs.create(key, np.bytes_(text.encode()), dtype=f"S{length}")
     group.attrs.create("flags", np.array([1], dtype=np.int32))

@@ -1,4 +1,4 @@
-"""A headless Chromium over Debian's driver, and why there is none."""
+"""A headless Chromium with Debian's driver, and the reason if there is none."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any
 
 from tests.faults.waiting import wait_until
 
-#: Seconds; the page waits for every process that computes, here the other tests.
+#: Seconds; the page waits for every process that computes, here for the other tests.
 _PATIENCE = 200.0
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 DRIVER = shutil.which("chromedriver")
@@ -19,7 +19,7 @@ AXE = Path(__file__).parents[2] / "out" / "vendor" / "axe-core" / "axe.min.js"
 
 
 def missing() -> str:
-    """What is not installed; empty if a browser can be started."""
+    """The missing programs; empty if a browser can be started."""
     if CHROMIUM is None or DRIVER is None:
         return "chromium and chromium-driver are not installed (.ci/run installs them)"
     try:
@@ -31,7 +31,7 @@ def missing() -> str:
 
 @contextmanager
 def opened(profile: Path) -> Iterator[Browser]:
-    """A browser, until the end of the block."""
+    """Yield a browser until the end of the block."""
     from selenium import webdriver  # noqa: PLC0415
     from selenium.webdriver.chrome.service import Service  # noqa: PLC0415
 
@@ -81,22 +81,22 @@ class Browser:
             self.driver.execute_cdp_cmd("Page.removeScriptToEvaluateOnNewDocument", added)
 
     def run(self, script: str, *arguments: Any) -> Any:
-        """What a script returns."""
+        """Return the result of a script."""
         return self.driver.execute_script(script, *arguments)
 
     def text(self, selector: str) -> str:
-        """What is written in the first element."""
+        """Return the text of the first element."""
         return str(self.run("return document.querySelector(arguments[0])?.innerText ?? ''", selector))
 
     def texts(self, selector: str) -> list[str]:
-        """What is written in all such elements."""
+        """Return the texts of all such elements."""
         found: list[str] = self.run(
             "return [...document.querySelectorAll(arguments[0])].map((e) => e.innerText)", selector
         )
         return found
 
     def wait(self, holds: Callable[[], Any], what: str) -> Any:
-        """Wait until it holds; the error has what the page complained of meanwhile."""
+        """Wait until the condition holds; the error has the page's errors of this time."""
         try:
             return wait_until(holds, what, _PATIENCE)
         except Exception as error:
@@ -113,7 +113,7 @@ class Browser:
         chain.perform()
 
     def click(self, selector: str, x: int, y: int) -> None:
-        """Click so many pixels from the element's middle."""
+        """Click this many pixels from the element's middle."""
         from selenium.webdriver.common.action_chains import ActionChains  # noqa: PLC0415
         from selenium.webdriver.common.by import By  # noqa: PLC0415
 
@@ -126,12 +126,12 @@ class Browser:
         return str(self.run(script))
 
     def complaints(self) -> list[str]:
-        """What the page has complained of since the last look, but of a server that is away."""
+        """The page's errors since the last call, except those about a server that is away."""
         lines = [line["message"] for line in self.driver.get_log("browser") if line["level"] == "SEVERE"]
         return [line for line in lines if "ERR_" not in line]
 
     def violations(self) -> list[str]:
-        """What axe-core finds against WCAG 2.2 A and AA."""
+        """The violations of WCAG 2.2 A and AA that axe-core finds."""
         self.run(AXE.read_text(encoding="utf-8"))
         tags = ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa"]
         found = self.driver.execute_async_script(

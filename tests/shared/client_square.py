@@ -1,4 +1,4 @@
-"""A square of quads for the client, whose left side moves between fixed walls."""
+"""A square of quads for the client; its left side moves between fixed walls."""
 
 import numpy as np
 from mesh_motion_client import Mesh, Patch

@@ -1,11 +1,11 @@
-"""A process that is over, as its parent has it."""
+"""A process that has ended, as its parent sees it."""
 
 from mesh_motion_server.transport.channel import Channel
 from mesh_motion_server.transport.processes import Child
 
 
 class EndedChild(Child):
-    """Counts how often it was killed."""
+    """A child that counts how often it was killed."""
 
     def __init__(self, channel: Channel) -> None:
         super().__init__(2**22, channel)

@@ -1,4 +1,4 @@
-"""Cases that OpenFOAM's own programs mesh, and what checkMesh says about them."""
+"""Cases meshed by OpenFOAM's own programs, and the results of checkMesh."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ class FoamCase:
         return cls(folder)
 
     def run(self, *command: str) -> str:
-        """A program's output; it must end well."""
+        """Run a program, which must succeed; return its output."""
         root = os.environ.get("WM_PROJECT_DIR", "/usr/share/openfoam")
         environment = os.environ | {"FOAM_ETC": f"{root}/etc", "WM_PROJECT_DIR": root, "PWD": str(self.folder)}
         done = subprocess.run(
@@ -102,7 +102,7 @@ class FoamCase:
         return self.output
 
     def checked(self) -> dict[str, float]:
-        """What checkMesh counts and measures."""
+        """The counts and measures of checkMesh."""
         text = self.run("checkMesh", "-constant", "-allGeometry", "-allTopology")
         found = {}
         for name in ("points", "faces", "internal faces", "cells", "hexahedra", "prisms", "pyramids", "tetrahedra",

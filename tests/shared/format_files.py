@@ -33,7 +33,7 @@ POINTS, CELLS = box()
 
 @dataclass
 class Face:
-    """Nodes, with the normal out of the first cell; the cells, -1 for none; the patch, "" inside."""
+    """A face: nodes, with the normal out of the first cell; the cells, -1 for none; the patch, "" for an inner face."""
 
     nodes: list[int]
     cells: tuple[int, int]
@@ -61,7 +61,7 @@ PATCHES = {name: np.unique([face.nodes for face in FACES if face.patch == name])
 
 
 def rows(values: object, form: str = "%r", separator: str = " ", first: int | None = None) -> str:
-    """Lines of numbers, each with its own number before it from ``first`` on."""
+    """Lines of numbers, each with its own number in front, from ``first`` on."""
     lines = [separator.join(form % value for value in row) for row in np.asarray(values).tolist()]
     if first is not None:
         lines = [f"{number}{separator}{line}" for number, line in enumerate(lines, start=first)]
@@ -69,7 +69,7 @@ def rows(values: object, form: str = "%r", separator: str = " ", first: int | No
 
 
 def fluent(path: Path) -> None:
-    """As Fluent writes text; the faces have their normals into the first cell."""
+    """Fluent's text format; the normals of the faces point into the first cell."""
     zones, begin = "", 1
     numbers = {"": (2, 7), "far": (9, 3), "sides": (7, 4), "wall": (3, 5)}  # bc-type and zone of each patch
     for name, (kind, zone) in numbers.items():
@@ -116,7 +116,7 @@ def fluent_binary(path: Path) -> None:
 
 
 def fluent_hdf5(path: Path) -> None:
-    """As Fluent writes .msh.h5."""
+    """Fluent's .msh.h5."""
     h5py = pytest.importorskip("h5py")
 
     with h5py.File(path, "w") as file:
@@ -140,7 +140,7 @@ def fluent_hdf5(path: Path) -> None:
 
 
 def med(path: Path) -> None:
-    """As Salome writes MED 4: components one after the other, families with groups."""
+    """MED 4 as Salome writes it: component by component, families with groups."""
     h5py = pytest.importorskip("h5py")
     names = list(PATCHES)
     with h5py.File(path, "w") as file:
@@ -161,7 +161,7 @@ def med(path: Path) -> None:
 
 
 def exodus(path: Path) -> None:
-    """As Cubit writes it: side sets of the three patches, by their names."""
+    """Exodus as Cubit writes it: side sets of the three patches, by their names."""
     from scipy.io import netcdf_file  # noqa: PLC0415
 
     numbers = {frozenset(corners): side for side, corners in enumerate(EXODUS["hexahedron"], start=1)}
@@ -210,7 +210,7 @@ def exodus_hdf5(path: Path) -> None:
 
 
 def abaqus(path: Path) -> None:
-    """As CalculiX reads it: a surface by sides, a set of nodes, a set of faces; the set of all nodes is no patch."""
+    """An input of CalculiX: a surface by sides, a set of nodes, a set of faces; the set of all nodes is no patch."""
     numbers = {frozenset(corners): side for side, corners in enumerate(ABAQUS["hexahedron"], start=1)}
     wall = ""
     for face in FACES:
@@ -228,7 +228,7 @@ def abaqus(path: Path) -> None:
 
 
 def kratos(path: Path) -> None:
-    """As Kratos writes it, with parts of conditions, of nodes, and the fluid itself."""
+    """Kratos' format, with parts of conditions, of nodes, and the fluid itself."""
     outer = [face for face in FACES if face.patch]
     parts = ""
     for name, nodes in PATCHES.items():
@@ -248,7 +248,7 @@ def kratos(path: Path) -> None:
 
 
 def elmer(path: Path) -> None:
-    """As ElmerGrid writes it."""
+    """Elmer's format, as ElmerGrid writes it."""
     path.mkdir()
     outer = [face for face in FACES if face.patch]
     names = list(PATCHES)
@@ -268,7 +268,7 @@ def elmer(path: Path) -> None:
 
 
 def cgns(path: Path) -> None:
-    """As Pointwise writes it: one zone, sections of faces that boundary conditions name by their elements."""
+    """CGNS as Pointwise writes it: one zone, and sections of faces whose elements the boundary conditions name."""
     pytest.importorskip("h5py")
     from cgns_files import add_cells, add_node, new_cgns  # noqa: PLC0415 - it needs h5py
 
@@ -290,7 +290,7 @@ def cgns(path: Path) -> None:
 
 
 def vtk(path: Path) -> None:
-    """As VTK writes it, with our arrays of the patches."""
+    """VTK's format, with our arrays of the patches."""
     marks = "".join(
         f"patch_{name} 1 {N**3} int\n{rows(np.isin(np.arange(N**3), nodes).astype(int).reshape(-1, 1))}"
         for name, nodes in PATCHES.items()
@@ -303,12 +303,12 @@ def vtk(path: Path) -> None:
 
 
 def own(path: Path) -> None:
-    """As this project writes it."""
+    """This project's format."""
     write_mesh(path, MeshFile(POINTS, {"hexahedron": CELLS}, PATCHES, path))
 
 
 def su2(path: Path) -> None:
-    """As SU2 writes it."""
+    """SU2's format."""
     markers = "".join(
         f"MARKER_TAG= {name}\nMARKER_ELEMS= {len(of)}\n{rows([[9, *face.nodes] for face in of])}"
         for name in PATCHES
@@ -322,7 +322,7 @@ def su2(path: Path) -> None:
 
 
 def gmsh(path: Path) -> None:
-    """As Gmsh writes version 2.2."""
+    """Gmsh's format, version 2.2."""
     outer = [face for face in FACES if face.patch]
     names = list(PATCHES)
     listed = [[3, 2, 1 + names.index(face.patch), 1, *(n + 1 for n in face.nodes)] for face in outer]
@@ -336,7 +336,7 @@ def gmsh(path: Path) -> None:
 
 
 def foam(path: Path) -> None:
-    """As OpenFOAM has it, a folder polyMesh."""
+    """OpenFOAM's format, a folder polyMesh."""
     path.mkdir()
     inner = sum(not face.patch for face in FACES)
     begin = np.cumsum([inner, *(sum(face.patch == name for face in FACES) for name in PATCHES)])
@@ -387,7 +387,7 @@ def universal(path: Path) -> None:
 
 
 def mfem(path: Path) -> None:
-    """As MFEM writes version 1.3: the patches are sets of attributes, one with a name without quotes."""
+    """MFEM's format, version 1.3: the patches are sets of attributes, one with a name without quotes."""
     outer = [face for face in FACES if face.patch]
     numbers = {"far": 4, "sides": 2, "wall": 7}
     cells = rows([[1, 5, *cell] for cell in CELLS.tolist()])
@@ -409,7 +409,7 @@ def mfem_by_axes(path: Path) -> None:
 
 
 def _xdmf(path: Path, item: Callable[[str, NDArray[Any]], str]) -> None:
-    """As FEniCS writes a mesh and, on its points, a grid of the boundary; the arrays of this one have our names."""
+    """XDMF as FEniCS writes it: a mesh and, on its points, a grid of the boundary, whose arrays have our names."""
     outer = [face for face in FACES if face.patch]
     marks = "".join(
         f'<Attribute Name="patch_{name}" Center="Cell">{item(name, mark)}</Attribute>\n'
@@ -434,12 +434,12 @@ def _item(values: NDArray[Any], form: str, text: str, more: str = "") -> str:
 
 
 def xdmf(path: Path) -> None:
-    """All numbers in the XML."""
+    """XDMF with all numbers in the XML."""
     _xdmf(path, lambda _, values: _item(values, "XML", "\n" + rows(values.reshape(len(values), -1))))
 
 
 def xdmf_hdf5(path: Path) -> None:
-    """The numbers in HDF5."""
+    """XDMF with the numbers in HDF5."""
     h5py = pytest.importorskip("h5py")
 
     with h5py.File(path.with_suffix(".h5"), "w") as file:
@@ -452,7 +452,7 @@ def xdmf_hdf5(path: Path) -> None:
 
 
 def xdmf_binary(path: Path) -> None:
-    """The numbers in a raw file, one after the other."""
+    """XDMF with the numbers in a raw file, one after the other."""
     raw = bytearray()
 
     def item(_: str, values: NDArray[Any]) -> str:

@@ -1,4 +1,4 @@
-"""Histories of sessions that never were: as long as a test needs them, and the same each time."""
+"""Made-up histories of sessions, as long as a test needs them, and the same each time."""
 
 import json
 import math
@@ -8,15 +8,15 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
-#: When the made-up session begins, Unix time.
+#: Start of the made-up session, Unix time.
 BEGIN = 1_790_000_000.0
 _SETTINGS = {"basis": "wendland-c2", "correction": "optimised", "quality_metric": "size-skew", "quality_threshold": 0.2}
 
 
 def made_up_events(steps: int, *, seed: int = 0, dimension: int = 2, iterations: int = 2) -> Iterator[dict[str, Any]]:
-    """The events of a session that goes through so many steps.
+    """The events of a session with this many steps.
 
-    Its quality sinks and recovers slowly (a period of 500 steps), is corrected where it is below 0.2, and is lowest in
+    Its quality falls and recovers slowly (in a period of 500 steps), is corrected if it is below 0.2, and is lowest in
     one step of each period. Every 97th step has a refusal and a rolled-back trial, every 1000th step a resumption.
     """
     chance, at = random.Random(seed), BEGIN
@@ -56,7 +56,7 @@ def made_up_events(steps: int, *, seed: int = 0, dimension: int = 2, iterations:
 
 
 def write_history(session_folder: Path, steps: int, *, segments: int = 1, **options: Any) -> list[dict[str, Any]]:
-    """Write such a history, in so many segments; returns its events."""
+    """Write such a history, in this many segments; return its events."""
     folder = session_folder / "history"
     folder.mkdir(parents=True, mode=0o700)
     events = list(made_up_events(steps, **options))
@@ -68,7 +68,7 @@ def write_history(session_folder: Path, steps: int, *, segments: int = 1, **opti
 
 
 def put_events(session_folder: Path, events: Iterable[dict[str, Any]], number: int = 0) -> Path:
-    """Write a segment of these events; returns the session's folder."""
+    """Write a segment of these events; return the session's folder."""
     folder = session_folder / "history"
     folder.mkdir(parents=True, exist_ok=True)
     text = "".join(json.dumps(event) + "\n" for event in events)
@@ -82,7 +82,7 @@ def resumed_at(step: int, at: float = BEGIN + 1e6) -> dict[str, Any]:
 
 
 def go_on(folder: Path, steps: int, more: int) -> None:
-    """Let a made-up session of so many steps make some more."""
+    """Let a made-up session with this many steps make some more."""
     segment = max((folder / "history").glob("events-*.jsonl"))
     with segment.open("a", encoding="utf-8") as file:
         for event in made_up_events(steps + more):
@@ -91,7 +91,7 @@ def go_on(folder: Path, steps: int, more: int) -> None:
 
 
 def lowest_quality(step: int) -> float:
-    """The minimum that the made-up motion has without a correction."""
+    """The minimum quality of the made-up motion without a correction."""
     return 0.45 + 0.3 * math.cos(2 * math.pi * step / 500) - (0.1 if step % 500 == 250 else 0.0)
 
 
@@ -101,7 +101,7 @@ def largest_angle(step: int) -> float:
 
 
 def _faces(angle: float) -> dict[str, Any]:
-    """What a history has of the faces of a mesh."""
+    """The faces of a mesh as a history records them."""
     above = {f"faces_above_{limit}": int(max(0.0, angle - limit)) for limit in (65, 75)}
     shares = {"max_skewness": 0.5, "min_volume_ratio": 0.25, "shortest_edge": 0.5, "smallest_face": 0.375}
     return {"faces": 1050, "max_non_orthogonality": angle, **above, **shares}
@@ -162,7 +162,7 @@ def _committed(step: int, chance: random.Random, dimension: int) -> dict[str, An
 
 
 def refused(step: int, message: str = "no valid mesh found: 3 of 722 cells are inverted") -> dict[str, Any]:
-    """A refusal as a history has it, without the time."""
+    """A refusal as a history records it, without the time."""
     return {
         "event": "refused",
         "request": "MOVE",

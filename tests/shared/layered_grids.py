@@ -1,4 +1,4 @@
-"""Grids with layers of thin cells on a wall that moves, whole and cut across the layer, and how the wall moves."""
+"""Grids with layers of thin cells on a moving wall, whole and cut across the layer, and the motion of the wall."""
 
 import numpy as np
 from mesh_motion_client import Mesh, Patch
@@ -22,7 +22,7 @@ def grid(kind):
 
 
 def pitched(points, degrees):
-    """Displacements of points (k, d) that turn in the plane, and rise."""
+    """Displacements of points (k, d) that rotate in 2D, and rise."""
     a, shift = np.radians(degrees), np.zeros_like(points)
     shift[:, 0] = (np.cos(a) - 1.0) * points[:, 0] - np.sin(a) * points[:, 1]
     shift[:, 1] = np.sin(a) * points[:, 0] + (np.cos(a) - 1.0) * points[:, 1] + 0.01 * degrees
@@ -30,7 +30,7 @@ def pitched(points, degrees):
 
 
 def beyond_the_wall(whole):
-    """The mesh in two pieces, of which the outer one has a part of the layer, and no node of the wall."""
+    """The mesh in two pieces; the outer one has a part of the layer, but no node of the wall."""
     (name, cells), reached = next(iter(whole.cells.items())), np.zeros(len(whole.points), dtype=bool)
     (wall,) = (patch.nodes for patch in whole.patches.values() if patch.role == "moving")
     reached[wall] = True

@@ -1,4 +1,4 @@
-"""Scripts that belong to no package, as modules."""
+"""Scripts outside any package, loaded as modules."""
 
 import importlib.util
 import sys
@@ -10,6 +10,6 @@ def loaded(path: Path) -> ModuleType:
     """The module of a file, loaded again."""
     spec = importlib.util.spec_from_file_location(f"loaded_{path.parent.name}_{path.stem}", path)
     module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # dataclasses look their module up
+    sys.modules[spec.name] = module  # dataclasses look up their module
     spec.loader.exec_module(module)
     return module

@@ -1,4 +1,4 @@
-"""What tests of mesh files share: Gmsh without its words, refusals in one line, arrays as lists."""
+"""Common parts of tests of mesh files: Gmsh without output, refusals in one line, arrays as lists."""
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -13,7 +13,7 @@ from mesh_motion_server.files import read_mesh
 
 @contextmanager
 def quiet_gmsh(needs: str = "") -> Iterator[Any]:
-    """Gmsh with an empty model; the test is skipped without it, or if it is built without what is needed."""
+    """Yield Gmsh with an empty model; the test is skipped without Gmsh, or if it was built without the needed parts."""
     gmsh = pytest.importorskip("gmsh", exc_type=OSError)
     gmsh.initialize(interruptible=False)
     try:
@@ -26,7 +26,7 @@ def quiet_gmsh(needs: str = "") -> Iterator[Any]:
 
 
 def one_line(path: Path, message: str) -> None:
-    """The file is refused in one line that names it."""
+    """Check that the file is refused in one line that names it."""
     with pytest.raises(InvalidInput, match=message) as caught:
         read_mesh(path)
     assert "\n" not in str(caught.value)
@@ -34,7 +34,7 @@ def one_line(path: Path, message: str) -> None:
 
 
 def replaced(path: Path, old: str, new: str, count: int = -1) -> Path:
-    """The text file with other words in it."""
+    """Write the text file with other words in it."""
     text = path.read_text()
     assert old in text
     path.write_text(text.replace(old, new, count))
@@ -42,5 +42,5 @@ def replaced(path: Path, old: str, new: str, count: int = -1) -> Path:
 
 
 def lists(named: Mapping[str, Any]) -> dict[str, Any]:
-    """Nodes by name, of patches or cells, to be compared."""
+    """Nodes by name, of patches or cells, as lists for comparison."""
     return {name: nodes.tolist() for name, nodes in named.items()}

@@ -1,4 +1,4 @@
-"""What clients that move and judge their own cells are tested with: settings, boxes whole and cut, how they bend."""
+"""Test data for clients that move and judge their own cells: settings, boxes whole and cut, and their bending."""
 
 import threading
 from pathlib import Path
@@ -21,7 +21,7 @@ ROLES = {"body": "moving", "outer": "fixed"}
 
 
 def box_file(kind, count):
-    """A box as if it were read from a file."""
+    """A box in the form of a mesh file."""
     box = box_mesh(kind, count)
     cells = {block.type.name: np.asarray(block.nodes, dtype=np.int64) for block in box.cells}
     patches = {"body": np.unique(box.body), "outer": np.unique(box.outer)}
@@ -29,7 +29,7 @@ def box_file(kind, count):
 
 
 def mesh_of(file):
-    """A mesh, or a partition of one, as the client takes it."""
+    """A mesh, or a partition of one, in the client's form."""
     patches = {name: Patch(ROLES[name], nodes) for name, nodes in file.patches.items()}
     return Mesh(file.points, file.cells, patches, file.global_ids)
 
@@ -45,12 +45,12 @@ def cut(kind, count, ranks):
 
 
 def pieces(kind, count, ranks):
-    """The mesh in several: a node of a patch is listed by the first that has it only, others hold it too."""
+    """The mesh in several pieces: only the first piece with a patch node lists it, but others have it too."""
     return listed_once(cut(kind, count, ranks))
 
 
 def listed_once(parts):
-    """Partitions where a node of a patch is listed by the first that has it only; others hold it too."""
+    """Partitions in which a patch node is listed only by the first one that has it; others have the node too."""
     found, listed = [], set()
     for part in parts:
         patches = {}
@@ -63,18 +63,18 @@ def listed_once(parts):
 
 
 def as_client(points, cells, patches):
-    """A mesh of the numerics in one piece, as the client takes it."""
+    """A mesh of the numerics in one piece, in the client's form."""
     table = {block.type.name: np.asarray(block.nodes, dtype=np.int64) for block in cells}
     return Mesh(points, table, {name: Patch(patch.role, patch.nodes) for name, patch in patches.items()})
 
 
 def as_file(mesh):
-    """Such a mesh as if it were read from a file."""
+    """Such a mesh in the form of a mesh file."""
     return MeshFile(mesh.points, mesh.cells, {n: np.sort(p.nodes) for n, p in mesh.patches.items()}, Path("whole"))
 
 
 def in_pieces(mesh, ranks):
-    """Such a mesh in several, as :func:`pieces`."""
+    """Such a mesh in several pieces, made by :func:`pieces`."""
     parts = []
     for part in partitions(as_file(mesh), ranks):
         patches = {name: Patch(mesh.patches[name].role, nodes) for name, nodes in part.patches.items()}
@@ -83,12 +83,15 @@ def in_pieces(mesh, ranks):
 
 
 def bend(points, step):
-    """It grows with the steps."""
+    """A bending that grows with the steps."""
     return 0.01 * step * np.sin(3.0 * points[:, ::-1] + step)
 
 
 def assert_same_quality(found, expected):
-    """Bitwise but for means, which are sums in another order, and for which of equally bad cells are named."""
+    """Check that qualities are bitwise equal.
+
+    Exceptions are means, whose sums have another order, and the choice among equally bad cells.
+    """
     for name in ("metric", "size", "skew", "size_skew"):
         one, other = ({k: v for k, v in quality[name].items() if k != "mean"} for quality in (found, expected))
         assert one == other
@@ -97,14 +100,14 @@ def assert_same_quality(found, expected):
 
 
 def assert_same_worst(found, expected):
-    """What the report of a step's later move has: bitwise, but for which of equally bad cells are named."""
+    """Check the report of a step's later move: bitwise equal, except the choice among equally bad cells."""
     assert found["metric"]["min"] == expected["metric"]["min"]
     assert (found["cells"], found["inverted"]) == (expected["cells"], expected["inverted"])
     assert [cell["metric"] for cell in found["worst"]] == [cell["metric"] for cell in expected["worst"]]
 
 
 def on_ranks(server, parts, work, settings=SETTINGS):
-    """``work(session, mesh)`` on each rank, in a thread of its own."""
+    """Call ``work(session, mesh)`` for each rank, in its own thread."""
     opened, results, failures = threading.Event(), [None] * len(parts), []
     shared = []
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 
 def dead_links(page: Path, text: str) -> list[str]:
-    """Links of a page with this text that lead to no file of the checkout, or to no heading in it."""
+    """Links in this page that lead to no file of the checkout, or to no heading in it."""
     links = re.findall(r"\]\((?!https?:|mailto:)([^)#\s]*)(?:#([^)]*))?\)", re.sub(r"(?s)```.*?```", "", text))
     wrong = []
     for file, anchor in links:
@@ -16,7 +16,7 @@ def dead_links(page: Path, text: str) -> list[str]:
 
 
 def anchors(text: str) -> set[str]:
-    """The headings as GitHub names them, and as the documentation's site does."""
+    """The headings, named as on GitHub and as on the documentation's site."""
     headings = [heading.lower() for heading in re.findall(r"^#+ (.+)$", text, re.MULTILINE)]
     here = {re.sub(r"[^\w\- ]", "", heading).replace(" ", "-") for heading in headings}
     return here | {re.sub(r"[^a-z0-9]+", "-", heading).strip("-") for heading in headings}

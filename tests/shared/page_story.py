@@ -1,15 +1,15 @@
 """A page's code blocks as one story: one shell session, in the order of the page.
 
-``sh`` blocks are run, ``python`` blocks too, each by a process of its own; ``toml`` is checked as a case, a method or
-settings; a ``text`` block marked as output is held against what was printed before it. A comment right above a block
-says what else is the case::
+``sh`` and ``python`` blocks are run, each of the latter in its own process; ``toml`` is checked as a case, a method or
+settings; a ``text`` block marked as output is compared with the printed text before it. A comment directly above a
+block gives more information::
 
     <!-- file: NAME -->        the block is saved under this name (and run or compiled by a later block)
     <!-- more of: NAME -->     it is appended to that file
     <!-- fails: N -->          the command ends with this status
     <!-- output -->            of a text block: these lines were printed by the block before, … stands for anything
-    <!-- run by: PATH -->      a test of its own runs it
-    <!-- not run: REASON -->   nothing here can
+    <!-- run by: PATH -->      another test runs it
+    <!-- not run: REASON -->   it cannot be run here
 """
 
 import os
@@ -28,10 +28,10 @@ from mesh_motion_server.cases.case import CaseFile
 from mesh_motion_server.settings import MethodSettings, ServerSettings
 
 ROOT = Path(__file__).resolve().parents[2]
-#: Languages whose blocks have to be run, or say why not.
+#: Languages whose blocks must be run, or give a reason.
 LANGUAGES = ("python", "sh", "bash", "toml", "c")
 MARKS = ("file", "more of", "fails", "output", "run by", "not run")
-#: What a reader has in addition to the page's own files: the checkout's folders.
+#: Folders of the checkout that a reader has in addition to the page's own files.
 _FOLDERS = ("examples", "adapters", "docs", "protocol")
 _END = "END_OF_THE_BLOCK"
 _BLOCK = re.compile(
@@ -43,7 +43,7 @@ _BLOCK = re.compile(
 
 @dataclass(frozen=True)
 class Block:
-    """A fenced block: its language, what the comment above it says, and its text."""
+    """A fenced block: its language, the information in the comment above it, and its text."""
 
     line: int
     language: str
@@ -53,7 +53,7 @@ class Block:
 
 
 def blocks_of(page: str) -> list[Block]:
-    """Every block that is run, checked, or has a mark; generated parts have tests of their own."""
+    """Every block that is run, checked, or has a mark; generated parts have their own tests."""
     page, found = without_parts(page), []
     for match in _BLOCK.finditer(page):
         mark = match["mark"] if match["mark"] in MARKS else ""
@@ -66,12 +66,12 @@ def blocks_of(page: str) -> list[Block]:
 
 
 def steps_of(blocks: list[Block]) -> list[Block]:
-    """Those that the page's own story consists of."""
+    """The blocks of the page's own story."""
     return [block for block in blocks if block.mark not in ("not run", "run by")]
 
 
 def play(blocks: list[Block], folder: Path) -> list[str]:
-    """Play a page's story in a folder; one line for each thing that was not as the page says."""
+    """Play a page's story in a folder; return one line for each difference from the page."""
     story = steps_of(blocks)
     wrong = [fault for block in story for fault in _unreadable(block)]
     if wrong or not any(_runs(block) for block in story):
@@ -89,7 +89,7 @@ def _runs(block: Block) -> bool:
 
 
 def _unreadable(block: Block) -> Iterator[str]:
-    """What can be said of a block without running it."""
+    """Errors of a block that are found without running it."""
     if block.language == "c" and block.mark not in ("file", "more of"):
         yield f"line {block.line}: C is compiled from a file; say which"
     if block.language == "toml" and not block.value.startswith("session"):
@@ -111,7 +111,7 @@ def _check_toml(text: str) -> None:
 
 
 def _script(story: list[Block]) -> str:
-    """The shell session; what a block prints is behind a line with the block's number."""
+    """The shell session; the output of a block comes after a line with the block's number."""
     lines = ["set -e", "trap 'trap : TERM; kill -TERM 0' EXIT"]
     for block in story:
         if block.mark in ("file", "more of"):
@@ -142,7 +142,7 @@ def _run(script: str, folder: Path) -> subprocess.CompletedProcess[str]:
     for port in ("7440", "9464", "8080"):
         script = script.replace(f"127.0.0.1:{port}", f"127.0.0.1:{_free_port()}")
     environment = os.environ | {"PATH": f"{folder / 'bin'}:{os.environ['PATH']}", "HOME": str(folder), "COLUMNS": "120"}
-    environment.pop("PYTHONUNBUFFERED", None)  # with it two processes' lines may meet in one
+    environment.pop("PYTHONUNBUFFERED", None)  # with it, lines of two processes may be joined
     session = subprocess.Popen(
         ["sh", "-c", script],
         cwd=folder,
@@ -160,7 +160,7 @@ def _run(script: str, folder: Path) -> subprocess.CompletedProcess[str]:
 
 
 def _end(session: subprocess.Popen[str]) -> None:
-    """Whatever the story left running."""
+    """End all processes that the story has left running."""
     try:
         os.killpg(session.pid, signal.SIGKILL)
     except ProcessLookupError:
@@ -175,13 +175,13 @@ def _free_port() -> int:
 
 
 def _printed(output: str) -> dict[int, str]:
-    """Line of a block → what it printed."""
+    """For each block's line the printed text."""
     parts = output.split("\036")[1:]
     return {int(number): text for number, _, text in (part.partition("\n") for part in parts)}
 
 
 def _differences(story: list[Block], printed: dict[int, str]) -> Iterator[str]:
-    """Lines that the page says were printed and were not, in this order."""
+    """Lines of the page that were not printed, in this order."""
     before = 0
     for block in story:
         if block.line in printed:

@@ -1,4 +1,4 @@
-"""A model that computes next to nothing: what sessions are tested with where the motion does not matter."""
+"""A model with hardly any computation, for tests of sessions in which the motion does not matter."""
 
 from types import SimpleNamespace
 
@@ -12,12 +12,12 @@ _PARTS = ("solve", "predict", "correct", "displace", "total")
 
 
 class PlainModel:
-    """Moving nodes go to their targets, the others stay; all summaries are alike."""
+    """A model whose moving nodes go to their targets, while the others stay; all summaries are equal."""
 
     warnings = ()
-    #: Displacements beyond it are refused, mesh length unit.
+    #: Displacements beyond this are refused, mesh length unit.
     farthest = 10.0
-    #: What every motion is warned of.
+    #: The warning of every motion.
     motion_warnings = ()
 
     def __init__(self, points, cells, patches, method):

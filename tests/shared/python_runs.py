@@ -1,4 +1,4 @@
-"""Python in a process of its own."""
+"""Python in its own process."""
 
 import subprocess
 import sys
@@ -6,8 +6,8 @@ from typing import Any
 
 
 def said_by_python(*arguments: object, **options: Any) -> str:
-    """Standard output of ``python ARGUMENTS``, which ends well; if not, the test fails with its errors."""
-    site = ["-S"] if sys.flags.no_site else []  # the same packages as here
+    """Return the standard output of ``python ARGUMENTS``; if it does not succeed, the test fails with its errors."""
+    site = ["-S"] if sys.flags.no_site else []  # the same packages as in this process
     command = [sys.executable, *site, *map(str, arguments)]
     done = subprocess.run(command, capture_output=True, text=True, check=False, **options)
     assert done.returncode == 0, done.stderr[-3000:]

@@ -35,7 +35,7 @@ def bulge(driver: Driver, size: float) -> list[Any]:
 def new_session(
     store: SessionStore, meshes: list[PartitionMesh], session: str = SESSION, level: str = "full", **settings: Any
 ) -> Driver:
-    """Who drives a new session with these settings of its method."""
+    """Return a driver of a new session with these settings of its method."""
     method = MethodSettings.from_mapping(settings)
     spec = make_spec(session, partitions=len(meshes), durability=level, settings=method)
     limits = ServerSettings(reserve_disk_bytes=0)
@@ -43,6 +43,6 @@ def new_session(
 
 
 def computes_as_servers() -> bool:
-    """Whether BLAS takes here what servers keep to (transport/processes.py): not where the machine has AVX-512."""
+    """Whether BLAS here uses the code that servers use (transport/processes.py): not on machines with AVX-512."""
     own = {library.get("architecture") for library in threadpool_info()}
     return not own & {"SkylakeX", "Cooperlake", "SapphireRapids"}

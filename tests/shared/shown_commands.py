@@ -10,12 +10,12 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 def blocks(page: str, language: str) -> list[str]:
-    """What the page shows in a language."""
+    """The blocks of the page in a language."""
     return re.findall(rf"```{language}\n(.*?)```", page, re.DOTALL)
 
 
 def run(script: str, folder: Path, client: str) -> subprocess.CompletedProcess[str]:
-    """A shell script in a folder where ``mesh-motion`` is a command, and the examples and client.py are."""
+    """Run a shell script in a folder with ``mesh-motion`` as a command, the examples and client.py."""
     program = folder / "bin" / "mesh-motion"
     program.parent.mkdir()
     program.write_text(f'#!/bin/sh\nexec {sys.executable} -m mesh_motion_server "$@"\n')

@@ -16,7 +16,7 @@ from tests.faults.stand_in import grid_mesh
 
 
 def stored(folder: Path, session: str, label: str, history: int, **options: Any) -> None:
-    """A session with two committed steps, and a made-up history."""
+    """Store a session with two committed steps, and a made-up history."""
     driver = make_driver(SessionStore(folder), [grid_mesh(9)], session=session, spec={"label": label})
     driver.open()
     driver.advance(1)
@@ -28,7 +28,7 @@ def stored(folder: Path, session: str, label: str, history: int, **options: Any)
 
 @contextmanager
 def serving(folder: Path) -> Iterator[ServerProcess]:
-    """A server with a page that comes back at the same address; sessions may be stored from outside."""
+    """A server with a page that restarts at the same address; sessions may be stored from outside."""
     served = ServerProcess(folder, monitor="127.0.0.1:0")
     served.start()
     try:

@@ -7,12 +7,12 @@ from tests.faults.waiting import wait_until
 
 
 def address_of(server):
-    """Where the pages of a server process are."""
+    """The address of the pages of a server process."""
     return server.announced["metrics"].replace("tcp://", "http://")
 
 
 def get(server, page, method="GET"):
-    """Status and text; asked again where a busy machine does not serve it within the page's five seconds."""
+    """Return status and text; repeated if a busy machine does not answer within the page's five seconds."""
     request = urllib.request.Request(address_of(server) + page, method=method)
 
     def answer():

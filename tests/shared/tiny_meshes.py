@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 Mesh = tuple[FloatArray, CellTable]
 
-#: Corners of the unit cube in the order of a hexahedron, and how it is cut into other cells.
+#: Corners of the unit cube in the order of a hexahedron, and its division into other cells.
 _CUBE = np.array([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)])
 _CUTS: dict[str, list[list[int]]] = {
     "line": [[0, 1]],
@@ -31,7 +31,7 @@ def tiny_meshes(rows: int = 4) -> Iterator[tuple[str, Mesh]]:
 
 
 def tiny_mesh(name: str, rows: int = 4) -> Mesh:
-    """A unit interval, square or cube of ``rows`` cells along each axis, cut into cells of the type ``name``."""
+    """A unit interval, square or cube with ``rows`` cells along each axis, divided into cells of the type ``name``."""
     dimension = _DIMENSION.get(name, 3)
     corners = _CUBE[: 2**dimension, :dimension]
     if name == "pyramid":

@@ -8,9 +8,9 @@
         moved = await session.move(displacements)
         await session.commit()
 
-Each server and each session waits in a thread of its own: the loop goes on meanwhile, and several sessions move at the
-same time. The calls, their arguments and errors are those of :mod:`.server` and :mod:`.session`. A call whose task is
-cancelled goes on in its thread; the next one waits for it, and the same call gets its answer.
+Each server and each session waits in its own thread: the event loop is not blocked, and several sessions can move at
+the same time. The calls, their arguments and errors are those of :mod:`.server` and :mod:`.session`. A call whose task
+is cancelled goes on in its thread; the next one waits for it, and the same call gets its answer.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ Inner = TypeVar("Inner", bound=server.Server | session.Session)
 
 
 class _InThread(Generic[Inner]):
-    """An object of the client, and the one thread that calls it."""
+    """An object of the client, and the only thread that calls it."""
 
     def __init__(self, inner: Inner, thread: ThreadPoolExecutor) -> None:
         self.inner = inner
@@ -46,7 +46,7 @@ class _InThread(Generic[Inner]):
 def _awaited(
     method: Callable[Concatenate[Inner, P], R],
 ) -> Callable[Concatenate[_InThread[Inner], P], Coroutine[Any, Any, R]]:
-    """The method, called in the thread and awaited."""
+    """Return a coroutine function that calls the method in the thread."""
 
     @wraps(method)
     async def call(self: _InThread[Inner], /, *arguments: P.args, **named: P.kwargs) -> R:
@@ -59,9 +59,9 @@ def _awaited(
 def _opened(
     method: Callable[Concatenate[server.Server, P], session.Session], outcome: Literal["keep", "discard"]
 ) -> Callable[Concatenate[Server, P], AbstractAsyncContextManager[Session]]:
-    """The method, called in the server's thread, as the context of its session.
+    """Return an asynchronous context manager that calls the method in the server's thread and yields the session.
 
-    ``outcome`` is that of a session whose caller was cancelled before it was there.
+    ``outcome``: how a session is closed if its caller was cancelled while the session was being opened.
     """
 
     @wraps(method)
@@ -75,7 +75,7 @@ def _opened(
 
 
 def _connected(function: Callable[P, server.Server]) -> Callable[P, AbstractAsyncContextManager[Server]]:
-    """The function as the context of its server."""
+    """Return an asynchronous context manager that calls the function and yields the server."""
 
     @wraps(function)
     @asynccontextmanager
@@ -92,7 +92,7 @@ def _connected(function: Callable[P, server.Server]) -> Callable[P, AbstractAsyn
 async def _open(
     made: Future[Inner], thread: ThreadPoolExecutor, close_late: Callable[[Inner], None]
 ) -> AsyncIterator[tuple[Inner, ThreadPoolExecutor]]:
-    """What is made, open in the context and closed in the thread; ``close_late`` ends what comes too late."""
+    """Wait for ``made``, yield its object and its thread, and close it there; ``close_late`` closes a late object."""
     try:
         inner = await asyncio.wrap_future(made)
     except BaseException:

@@ -23,7 +23,7 @@ def boundary_rows(
     extent: float | None,
     what: str = "displacements",
 ) -> NDArray[np.float64]:
-    """(k, d) displacements, or ``what`` else they are, in the order of the moving nodes.
+    """Return (k, d) displacements, or other values named ``what``, in the order of the moving nodes.
 
     Parameters
     ----------
@@ -34,8 +34,8 @@ def boundary_rows(
     patches : dict of (p,) int64 arrays
         The nodes of each moving patch; each moving node is on one of them.
     extent : float or None
-        Longest side of the bounding box of the whole mesh, mesh length unit, of which patches agree up to a part; None:
-        the largest of the values instead.
+        Longest side of the bounding box of the whole mesh, mesh length unit: the values of two patches at one node may
+        differ by a share of it. None: by a share of the largest value.
 
     Raises
     ------
@@ -84,7 +84,7 @@ def _united(
     patches: Mapping[str, NDArray[np.int64]],
     extent: float,
 ) -> NDArray[np.float64]:
-    """(k, d) displacements of the moving nodes from those of each patch."""
+    """Join the displacements of all patches to (k, d) displacements of the moving nodes."""
     places = [np.searchsorted(moving_nodes, nodes) for nodes in patches.values()]
     try:
         return united(given, places, len(moving_nodes), extent)

@@ -1,4 +1,4 @@
-"""The reply to a Commit, as a user meets it."""
+"""The reply to a Commit, as users of the client get it."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ __all__ = ["Committed"]
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Committed(Described, messages.Committed):
-    """A step that is kept; its fields are those of the message.
+    """A committed step; its fields are those of the message.
 
     Attributes
     ----------
@@ -22,15 +22,15 @@ class Committed(Described, messages.Committed):
     durable_step : int
         No crash and no power loss takes the session back behind it.
     digest : bytes
-        Of the committed state.
+        Digest of the committed state.
     quality : QualitySummary
-        Of the committed mesh.
+        Quality of the committed mesh.
     """
 
     quality: QualitySummary  # type: ignore[assignment]  # what the message's dict holds
 
     def description(self) -> list[str]:
-        """Its step, how far the session is durable, the worst quality."""
+        """The step, how far the session is durable, and the worst quality."""
         durable = "durable" if self.durable_step == self.step else f"durable up to step {self.durable_step}"
         least, inverted = self.quality["metric"]["min"], self.quality["inverted"]
         return [f"Committed: step {self.step}, {durable}", f"quality: minimum {least:.3f}, {inverted} inverted cells"]

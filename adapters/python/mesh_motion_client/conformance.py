@@ -25,7 +25,7 @@ _MESH = Mesh(
     {"triangle": np.array([[0, 1, 2], [0, 2, 3]])},
     {"left": Patch("moving", np.array([0, 3])), "right": Patch("fixed", np.array([1, 2]))},
 )
-#: For the verbs tangent and cotangent.
+#: Vectors for the verbs tangent and cotangent.
 _VELOCITY, _WEIGHTS = np.tile([0.25, 0.125], (2, 1)), np.arange(1, 9).reshape(4, 2) / 8
 
 Result = dict[str, Any]
@@ -62,7 +62,7 @@ class Driver:
         return self._session
 
     def do(self, verb: str) -> Result:
-        """One verb, as the line that is printed."""
+        """Do one verb; return the line to print."""
         if verb != "again":
             self._last = self._call(verb)
         try:
@@ -71,12 +71,12 @@ class Driver:
             return {"verb": verb, "ok": False, "code": error.code, "message": error.message}
 
     def close(self) -> None:
-        """Leave nothing open."""
+        """Close the session and the server, if open."""
         if self._server is not None:
             self._server.close()
 
     def _call(self, verb: str) -> Callable[[], Result]:
-        """The call that a verb is; making it again makes the same call."""
+        """Return the call for a verb; it can be repeated without other effects."""
         if verb in ("move", "move-reference"):
             self._moves += 1
             return lambda k=self._moves: self._move("committed" if verb == "move" else "reference", k)  # type: ignore[misc]
@@ -126,7 +126,7 @@ class Driver:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Do the verbs; after a ``hello`` or ``open`` that failed there is nothing to go on with."""
+    """Do the verbs; stop after a ``hello`` or ``open`` that failed."""
     parser = argparse.ArgumentParser(prog="mesh_motion_client.conformance")
     parser.add_argument("--endpoint", required=True)
     parser.add_argument("--timeout", type=float, default=10.0)

@@ -1,7 +1,8 @@
-"""One connection: a request goes out, its reply comes back, and the end of the connection shows.
+"""One connection: sends a request, returns its reply, and detects a lost connection.
 
-ZeroMQ hides lost connections by connecting again; a request that was under way is then lost without a word. So the
-socket's own events are watched: :class:`ConnectionLost` says that the request must be sent again, by the same id.
+ZeroMQ hides a lost connection: it connects again, and a request that was on its way is lost without an error. So this
+module watches the socket's own events: :class:`ConnectionLost` means that the request must be sent again with the same
+id.
 """
 
 from __future__ import annotations
@@ -30,11 +31,11 @@ from mesh_motion_client.keys import Keys
 
 __all__ = ["Connection", "ConnectionLost", "DamagedReply", "check_process", "seconds_left"]
 
-#: Silence after which ``watch`` is called, seconds.
+#: Seconds of silence after which ``watch`` is called.
 _WATCH_SECONDS = 1.0
-#: Largest frame that is taken: that of the protocol, and what CURVE puts around it.
+#: Largest frame that is accepted: the protocol's largest frame, and the bytes that CURVE adds.
 _MOST_BYTES = FRAME_BYTES + 64
-#: No call of the socket lasts longer, whatever has been forgotten: a send does not wait, a receive follows a poll.
+#: Limit on each call of the socket, in case the code below waits wrongly: sends do not wait, receives follow a poll.
 _MOST_MILLISECONDS = 60_000
 _WATCHED = zmq.EVENT_DISCONNECTED | zmq.EVENT_HANDSHAKE_FAILED_AUTH | zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL
 
@@ -44,7 +45,7 @@ class ConnectionLost(Unavailable):
 
 
 class DamagedReply(ServerFault):
-    """What came is no message: the request may have executed or not, and the same call may be repeated."""
+    """The received frames are no message: the request may have executed or not; the same call may be repeated."""
 
 
 class Connection:
@@ -53,7 +54,7 @@ class Connection:
     Parameters
     ----------
     keys : Keys, optional
-        For a server that asks for them.
+        For a server that requires keys.
     """
 
     def __init__(self, endpoint: str, keys: Keys | None = None) -> None:
@@ -93,18 +94,18 @@ class Connection:
         Parameters
         ----------
         message : Message
-            Its arrays must stay unchanged until the reply is there.
+            Its arrays must stay unchanged until the reply has arrived.
         deadline : float
             On the monotonic clock.
         watch : callable, optional
-            Called in each second of silence; raises to end the wait.
+            Called after each second without a reply; it may raise an error to end the wait.
         memory : SharedMemory, optional
-            What the request offers for the reply's arrays.
+            Memory that the request offers for the reply's arrays.
 
         Raises
         ------
         ConnectionLost, Timeout, MeshMotionError
-            The last for an ERROR of the server.
+            MeshMotionError for an ERROR reply of the server.
         """
         self._check_connected()
         self._send(message)
@@ -123,14 +124,14 @@ class Connection:
             self._socket.send_multipart(encode(message), flags=zmq.NOBLOCK, copy=False)
         except ProtocolError as error:
             raise InvalidInput(error.message, code=error.code, hint=error.hint, details=error.details) from None
-        except zmq.Again:  # ZeroMQ gave the connection up after the check: a send that waits would wait for ever
+        except zmq.Again:  # ZeroMQ gave the connection up after the check: a send that waits would never return
             self._check_connected()
             raise ConnectionLost(f"the connection to {self.endpoint} ended") from None
 
     def _receive(
         self, message: Message, deadline: float, watch: Callable[[], None] | None, memory: SharedMemory | None
     ) -> Message:
-        """The next message of whatever kind."""
+        """Receive the next message, of any type."""
         while not self._socket.poll(0):
             self._wait(min(seconds_left(deadline), _WATCH_SECONDS))
             if self._socket.poll(0):
@@ -143,11 +144,11 @@ class Connection:
         try:
             return decode([frame.buffer for frame in self._socket.recv_multipart(copy=False)], memory=memory)
         except ProtocolError as error:
-            self.close()  # what follows on it cannot be trusted either
+            self.close()  # later messages on this connection cannot be trusted either
             raise DamagedReply(f"the server's reply is no message: {error.message}", code=error.code) from None
 
     def _wait(self, seconds: float) -> None:
-        """Until there is a reply, an event, or the time is over."""
+        """Wait for a reply or an event, at most until the time is over."""
         poller = zmq.Poller()
         poller.register(self._socket, zmq.POLLIN)
         poller.register(self._events, zmq.POLLIN)
@@ -156,14 +157,14 @@ class Connection:
     def _check_connected(self) -> None:
         lost = False
         while self._events.poll(0):
-            # as zmq.utils.monitor would read it, whose import is asyncio's
+            # zmq.utils.monitor would read it in the same way, but imports asyncio
             self._check_admitted(*struct.unpack("=Hi", self._events.recv_multipart()[0]))
             lost = True
         if lost:
             raise ConnectionLost(f"the connection to {self.endpoint} ended")
 
     def _check_admitted(self, event: int, value: int) -> None:
-        """Raise if the server has said that trying again is in vain."""
+        """Raise an error if the server has refused this client for good, so that trying again is useless."""
         if event == zmq.EVENT_HANDSHAKE_FAILED_AUTH:
             self.close()
             raise SessionError(
@@ -181,7 +182,7 @@ class Connection:
 
     @property
     def closed(self) -> bool:
-        """Whether it has been closed, by its user or because nothing more can come of it."""
+        """Whether the connection is closed, by its user or after an error that ends it."""
         return bool(self._socket.closed)
 
     def close(self) -> None:
@@ -194,7 +195,7 @@ class Connection:
 
 
 def check_process(process: int) -> None:
-    """Check that this is the process that made a connection: a forked child has none of the threads that serve it.
+    """Check that this process made the connection: a forked child has none of the threads that serve it.
 
     Raises
     ------
@@ -209,12 +210,12 @@ def check_process(process: int) -> None:
 
 
 def seconds_left(deadline: float) -> float:
-    """Seconds until ``deadline`` on the monotonic clock, 0 when it is over."""
+    """Seconds until ``deadline`` on the monotonic clock, 0 if it has passed."""
     return max(0.0, deadline - time.monotonic())
 
 
 def _no_endpoint(text: object) -> InvalidInput:
-    """What was given instead of an endpoint, and what was probably meant."""
+    """Return the error for a wrong endpoint, with a guess of the right one."""
     given = str(text)
     rest, _, port = given.rpartition(":")
     if given.startswith("/"):

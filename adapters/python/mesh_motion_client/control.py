@@ -1,8 +1,8 @@
-"""The control endpoint as a client sees it: HELLO, OPEN, RESUME, LIST, PROBE, asked until they are answered.
+"""The client's side of the control endpoint: HELLO, OPEN, RESUME, LIST and PROBE, repeated until they are answered.
 
-An OPEN or RESUME may have executed although its reply never came. When it is asked for again, by the same content, it
-keeps its id, whatever else was asked for meanwhile: the session that was opened is then found again, and no client
-is fenced by a RESUME of its own.
+An OPEN or RESUME may have executed although its reply never came. A later request with the same content therefore keeps
+its id, whatever was requested in between: the client finds the opened session again, and its own RESUME does not fence
+it.
 """
 
 from __future__ import annotations
@@ -30,30 +30,30 @@ _Reply = TypeVar("_Reply", bound=Message)
 
 _LOG = logging.getLogger(__name__)
 
-#: After so many seconds without any answer a warning says so; where a worker has to start, after the second figure.
+#: Seconds without an answer before a warning; the second value if a worker has to start.
 _SILENT_SECONDS, _STARTING_SECONDS = 1.5, 10.0
-#: Between two tries while no server can answer, seconds.
+#: Pause between two tries while no server answers, seconds.
 _PAUSE_SECONDS = 0.2
-#: Requests that execute once.
+#: Requests that must execute only once.
 _KEPT = (Open, Resume)
-#: Of those so many that were not answered keep their ids; no server remembers more than about a thousand.
+#: Largest number of unanswered requests whose ids are kept; no server remembers more than about a thousand.
 _MOST_UNANSWERED = 1000
 #: Errors after which it is not known whether the request executed.
 _UNHEARD = (Timeout, Unavailable, DamagedReply)
 
 
 class Control:
-    """Asks the control endpoint; a request that is repeated executes once.
+    """Sends requests to the control endpoint; a repeated request executes only once.
 
     Parameters
     ----------
     keys : Keys, optional
-        For a server that asks for them.
+        For a server that requires keys.
 
     Attributes
     ----------
     waits_until : float
-        When the call ends that asks, on the monotonic clock: what a warning says.
+        End of the user's call, on the monotonic clock; the warning names it.
     """
 
     def __init__(self, endpoint: str, keys: Keys | None = None) -> None:
@@ -68,7 +68,7 @@ class Control:
         self._is_silent = False  # a warning has said so
 
     def ask(self, kind: type[Message], expected: type[_Reply], seconds: float, **fields: Any) -> _Reply:
-        """Send a request of this kind until it is answered or the time is over; one warning says that none answers.
+        """Send a request of this kind until it is answered or the time is over; log one warning if there is no answer.
 
         Raises
         ------
@@ -79,7 +79,7 @@ class Control:
         message = kind(client=self._client, sequence=self._sequence + 1, **fields)
         content = None
         if isinstance(message, _KEPT):
-            with suppress(ProtocolError):  # it is refused when it is sent
+            with suppress(ProtocolError):  # the send below refuses it
                 content = request_digest(message)
         message = replace(message, sequence=self._number(content))
         try:
@@ -95,14 +95,14 @@ class Control:
         return reply
 
     def _answer(self, message: Message, deadline: float, warn: Callable[[], None]) -> Message:
-        """The reply, however often it has to be asked for."""
+        """Return the reply; repeat the request until it arrives."""
         while True:
             try:
                 reply = self._connected().request(message, deadline, warn)
                 self._is_silent = False
                 return reply
             except Timeout:
-                self.close()  # a connection that has kept silent may be dead without a word
+                self.close()  # a silent connection may be lost without an event
                 raise
             except Unavailable as error:
                 if isinstance(error, ConnectionLost):
@@ -113,7 +113,7 @@ class Control:
                 time.sleep(_PAUSE_SECONDS)
 
     def _warn(self, message: Message, asked_at: float, deadline: float) -> None:
-        """Say once that no server answers: the call may go on waiting for half an hour."""
+        """Log one warning that no server answers: the call may go on waiting for half an hour."""
         starts = isinstance(message, _KEPT)
         if self._is_silent or time.monotonic() - asked_at < (_STARTING_SECONDS if starts else _SILENT_SECONDS):
             return
@@ -122,7 +122,7 @@ class Control:
         _LOG.warning("%s at %s; asking for %.0f s", who, self.endpoint, seconds_left(max(deadline, self.waits_until)))
 
     def _number(self, content: bytes | None) -> int:
-        """The next sequence; an OPEN or RESUME like one that was not answered keeps that one's."""
+        """Return the next sequence number; an OPEN or RESUME equal to an unanswered one keeps that request's number."""
         known = self._unanswered.get(content) if content is not None else None
         if known is not None:
             return known
@@ -139,11 +139,11 @@ class Control:
         return self._connection
 
     def data_connection(self, endpoint: str) -> Connection:
-        """A connection to a session's worker, with the same keys."""
+        """Return a connection to a session's worker, with the same keys."""
         return Connection(self.data_endpoint(endpoint), self._keys)
 
     def data_endpoint(self, endpoint: str) -> str:
-        """A data endpoint as reached from here: a wildcard address stands for the host of the control endpoint."""
+        """Return the data endpoint for this client: a wildcard address means the host of the control endpoint."""
         host, _, port = endpoint.removeprefix("tcp://").rpartition(":")
         if endpoint.startswith("tcp://") and host in ("0.0.0.0", "[::]", "*"):
             return f"{self.endpoint.rpartition(':')[0]}:{port}"

@@ -1,8 +1,8 @@
-"""Carries a session's requests to its worker, so that each executes once whatever breaks on the way.
+"""Carries a session's requests to its worker, so that each executes only once, whatever fails on the way.
 
-Every request has an id; what was sent twice executes once. When the connection ends, PROBE says whether the worker
-lives: then the request is sent again on a new connection. If the worker is gone, the session is resumed from its
-journal and the request is sent again; where a trial is lost, the MOVE that made it, and its JUDGE, come first.
+Every request has an id; a request that was sent twice executes once. When the connection ends, PROBE says whether the
+worker is alive: if it is, the request is sent again on a new connection. If the worker is gone, the session is resumed
+from its journal and the request is sent again; if a trial was lost, its MOVE and JUDGE are sent first.
 """
 
 from __future__ import annotations
@@ -37,16 +37,17 @@ __all__ = ["Courier"]
 
 _Reply = TypeVar("_Reply", bound=Message)
 
-#: Broken connections that one request survives.
+#: Number of broken connections that one request survives.
 _ATTEMPTS = 5
-#: A PROBE while a request is computed: silence of the gateway alone ends nothing.
+#: Seconds for a PROBE while the worker computes a request: silence of the gateway alone ends nothing.
 _PROBE_SECONDS = 2.0
-#: Between two PROBEs of a worker that is starting; the next connection after two that broke waits four times as long.
+#: Pause between two PROBEs of a worker that is starting; after two broken connections the next one waits four times
+#: longer.
 _PAUSE_SECONDS = 0.1
 
 
 class Courier:
-    """One partition's line to the session's worker.
+    """The line from one partition to the session's worker.
 
     Parameters
     ----------
@@ -58,12 +59,12 @@ class Courier:
     Attributes
     ----------
     step, iteration : int
-        The last step known to be committed, and how many moves were made since.
+        The last step known to be committed, and the number of moves since then.
     trial : tuple of requests
         The MOVE that made the open trial, and the JUDGE that completed it where the client judges.
     may_resume : bool
-        Whether this partition may resume the session by itself when its worker is gone: it is built, and no other
-        client takes part.
+        Whether this partition may resume the session by itself when its worker is gone: only if the session is built
+        and has no other client.
     """
 
     def __init__(
@@ -100,8 +101,7 @@ class Courier:
         Raises
         ------
         StepsLost
-            If steps known to be committed are not there any more; the connection is open, :attr:`step` is where the
-            session stands.
+            If committed steps are lost; the connection is open, and :attr:`step` is the session's last step.
         """
         self.disconnect()
         self._epoch = epoch
@@ -112,14 +112,14 @@ class Courier:
         try:
             joined = _expect(connection.request(join, deadline, partial(self._watch, deadline)), Joined)
         except BaseException:
-            connection.close()  # nothing has joined on it: no request may follow
+            connection.close()  # no partition has joined on this connection: no request may follow
             raise
         self._data = connection
         self._take_step(joined.step)
         return joined
 
     def _take_step(self, step: int) -> None:
-        """Where the session stands, which may be behind what was answered before."""
+        """Take the session's step from the reply; it may be earlier than a step that was answered before."""
         known = self.step
         if step >= known:
             return
@@ -144,7 +144,7 @@ class Courier:
         message = self._unanswered = self._numbered(message)
         broken: ConnectionLost | None = None
         for attempt in range(_ATTEMPTS):
-            if attempt > 1:  # a server may need a moment to see that its worker is gone
+            if attempt > 1:  # a server may need a moment to notice that its worker is gone
                 time.sleep(min(2**attempt * _PAUSE_SECONDS, seconds_left(deadline)))
             try:
                 reply = _expect(self._request(message, deadline), kind)
@@ -152,7 +152,7 @@ class Courier:
                 broken = error
                 self.disconnect()
             except (Timeout, DamagedReply):
-                self.disconnect()  # it may be dead without a word; and what comes late is not for a later request
+                self.disconnect()  # it may be lost without an event; a late reply must not be confused with a later one
                 raise
             except Unavailable:
                 raise
@@ -189,7 +189,7 @@ class Courier:
         return reply
 
     def _repeat_trial(self, deadline: float) -> ConnectionLost | None:
-        """Make the lost trial again: MOVE, and JUDGE if there was one, are functions of the committed state."""
+        """Make the lost trial again: MOVE, and JUDGE if any, are functions of the committed state."""
         try:
             for request in self.trial:
                 self._sequence += 1
@@ -200,7 +200,7 @@ class Courier:
         return None
 
     def _numbered(self, message: SessionMessage) -> SessionMessage:
-        """With the next sequence; a repeat of what was never answered keeps its id."""
+        """Give the request the next sequence number. A request that repeats an unanswered one keeps its id."""
         before = self._unanswered
         if before is not None and request_digest(before) == request_digest(message):
             return replace(message, sequence=before.sequence)
@@ -212,7 +212,7 @@ class Courier:
         return self._control.ask(kind, expected, seconds, **fields)
 
     def _watch(self, deadline: float) -> None:
-        """While a request is computed: does the worker still live, and for us?"""
+        """Check that the worker is alive and still serves this holder while it computes a request."""
         try:
             probed = self._ask(Probe, Probed, min(_PROBE_SECONDS, seconds_left(deadline)))
         except (Timeout, Unavailable):
@@ -242,7 +242,7 @@ class Courier:
             )
 
     def _resume(self, seconds: float) -> Resumed:
-        """RESUME; one that was not answered may have executed, so it is asked for again, by the same id."""
+        """Send RESUME. An unanswered RESUME may have executed, so it is repeated with the same id."""
         self._resuming = True
         try:
             resumed = self._ask(Resume, Resumed, seconds)
@@ -262,7 +262,7 @@ class Courier:
 
 
 def _expect(reply: Message, kind: type[_Reply]) -> _Reply:
-    """The reply as the type that the connection has checked by name."""
+    """Return the reply with the type that the connection has checked by name."""
     if not isinstance(reply, kind):
         raise TypeError(f"expected {kind.type}, got {reply.type}")
     return reply

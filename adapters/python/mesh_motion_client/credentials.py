@@ -1,4 +1,4 @@
-"""What opens a session again, from another process or after a crash."""
+"""The credentials that open a session again, from another process or after a crash."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Credentials:
     session : str
         32 hexadecimal digits.
     token : bytes
-        32 bytes. Who has them has the session.
+        32 bytes. They give full access to the session: keep them secret.
     """
 
     session: str
@@ -36,23 +36,23 @@ class Credentials:
         write_private(path, json.dumps(self.values()))
 
     def values(self) -> dict[str, str]:
-        """What :meth:`save` writes."""
+        """Return the values that :meth:`save` writes."""
         return {"session": self.session, "token": self.token.hex()}
 
     @classmethod
     def of_values(cls, values: Mapping[str, Any]) -> Credentials:
-        """Of what :meth:`values` gave.
+        """Return the credentials with these values of :meth:`values`.
 
         Raises
         ------
         ValueError, KeyError, TypeError
-            They are something else.
+            If the values are no credentials.
         """
         return cls(str(values["session"]), bytes.fromhex(values["token"]))
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Credentials:
-        """Read what :meth:`save` wrote.
+        """Read a file that :meth:`save` wrote.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""A session whose ranks are the workers of a Dask cluster, for who has no MPI.
+"""A session whose ranks are the workers of a Dask cluster, for users without MPI.
 
 Each worker reads the file of its partition, moves its nodes and judges its cells, as a solver's rank does
 (``evaluation = "client"``); no process holds the whole mesh::
@@ -14,11 +14,12 @@ Each worker reads the file of its partition, moves its nodes and judges its cell
             session.write("out/step_0001")
 
 ``mesh-motion convert mesh.msh parts --partitions 4`` writes the files. Each worker needs
-``pip install 'mesh-motion-client[dask]'``, and sees files and server by the same names; for a server that asks
-for keys, their files are named in its environment (:mod:`.keys`).
+``pip install 'mesh-motion-client[dask]'``, and reaches files and server by the same names. For a server that requires
+keys, the environment of each worker names the key files (:mod:`.keys`).
 
-**A worker that dies** takes nothing with it. Another worker reads its partition and joins the session; all ranks drop
-the trial and make it again, which gives the same bits: a move depends on the committed state and the motion alone.
+**If a worker dies**, nothing is lost. Another worker reads its partition and joins the session; all ranks drop the
+trial and make it again. The result has the same bits, because a move depends only on the committed state and the
+motion.
 """
 
 from __future__ import annotations
@@ -42,14 +43,14 @@ from mesh_motion_client.mesh import finite_rows
 
 __all__ = ["DaskSession", "open_on_workers"]
 
-#: Failures that one call may get over: a partition that takes one worker after the other with it takes the next too.
+#: Number of failures that one call survives: a partition that makes one worker crash will make the next crash too.
 _ATTEMPTS = 5
-#: While ranks are at work: how often the scheduler is asked whether their workers live.
+#: Interval at which the scheduler is asked whether the workers of busy ranks are alive.
 _LOOK_SECONDS = 1.0
 
 
 class _WorkerLost(Exception):
-    """A rank is gone with its worker."""
+    """A rank is lost, with its worker."""
 
 
 class DaskSession:
@@ -61,7 +62,7 @@ class DaskSession:
     step : int
         The last committed step.
     moving_ids : (k,) int64 array
-        Numbers of the moving nodes in the whole mesh, ascending.
+        Global ids of the moving nodes, ascending.
     workers : list of str
         Address of the worker of each partition.
     """
@@ -88,15 +89,15 @@ class DaskSession:
         ----------
         motion : callable or (k, d) array, mesh length unit
             Total displacement of the moving nodes since the reference mesh, in the order of :attr:`moving_ids`. Or a
-            function that gives it for points (m, d) of the reference mesh: each worker calls it with its own moving
-            nodes. It must depend on the points alone, and Dask must be able to pickle it.
+            function that returns it for points (m, d) of the reference mesh: each worker calls the function with its
+            own moving nodes. The function must depend on the points alone, and Dask must be able to pickle it.
 
         Raises
         ------
         QualityRefused
             If no acceptable mesh was found; there is no trial then.
         InvalidInput, SessionError, Unavailable, Timeout
-            And what the function raises.
+            Errors of the function are passed on.
         """
         motions = [motion] * len(self._files) if callable(motion) else self._divided(motion)
         self._motions = None
@@ -105,13 +106,13 @@ class DaskSession:
         return answer
 
     def commit(self) -> int:
-        """Make the trial the committed state; its step."""
+        """Make the trial the committed state; return its step."""
         motions, step = self._motions, self.step + 1
         if motions is None:
             raise SessionError("there is no trial to commit", hint="session.move(motion) makes one")
 
         def attempt() -> int:
-            if self.step < step:  # otherwise it was done before a worker died
+            if self.step < step:  # otherwise the commit succeeded before a worker died
                 if not self._is_trial:
                     self._made(motions)
                 self._all("commit")
@@ -128,19 +129,19 @@ class DaskSession:
         self._repeated(lambda: None)
 
     def write(self, folder: str | os.PathLike[str]) -> list[str]:
-        """Have each worker write the committed coordinates (n, d) of its nodes; the files, by partition.
+        """Write the committed coordinates (n, d) on each worker; return the files, in the order of the partitions.
 
-        ``partition-000.npy`` has them in the order of the nodes of ``partition-000.npz``; ``mesh-motion convert`` makes
-        a mesh of the two.
+        ``partition-000.npy`` has them in the order of the nodes of ``partition-000.npz``; ``mesh-motion convert`` joins
+        the two files to a mesh.
         """
         written: list[str] = self._repeated(lambda: self._all("write", os.fspath(folder)))
         return written
 
     def close(self, outcome: Literal["keep", "discard"] = "keep") -> None:
-        """End this use. ``keep`` leaves the session resumable, ``discard`` deletes it. Idempotent."""
+        """End the use of the session. ``keep`` leaves it resumable, ``discard`` deletes it. Idempotent."""
         if self._is_joined:
             with contextlib.suppress(MeshMotionError, _WorkerLost):
-                self._settle()  # none must wait for one that is gone
+                self._settle()  # no rank may wait for one that is gone
         wait(self._dismissed(outcome))
         self._threads.shutdown(wait=False)
 
@@ -153,7 +154,7 @@ class DaskSession:
     # --- all ranks ---------------------------------------------------------------------------------------------------
 
     def open(self, settings: Mapping[str, Any], options: Mapping[str, Any]) -> Self:
-        """Have the workers read their partitions, the first open the session, and the others join it."""
+        """Let the workers read their partitions; the first opens the session, and the others join it."""
         for _ in range(_ATTEMPTS):
             try:
                 self._place()
@@ -162,14 +163,14 @@ class DaskSession:
                 self._enter(credentials, first)
                 return self
             except _WorkerLost:
-                self._dismissed("discard")  # one that was never built cannot be joined again
+                self._dismissed("discard")  # a session that was never built cannot be joined again
             except BaseException:
                 self._dismissed("discard")
                 raise
         raise self._too_many()
 
     def resume(self, credentials: Credentials) -> Self:
-        """Have the workers read their partitions and take up a session that was kept."""
+        """Let the workers read their partitions and resume a session that was kept."""
         self.credentials = credentials
         try:
             self._repeated(lambda: None)
@@ -179,7 +180,7 @@ class DaskSession:
         return self
 
     def _enter(self, credentials: Credentials, first: Future[Any]) -> None:
-        """Have all ranks but the first join, and know the session."""
+        """Let all ranks but the first join, and store the session's data."""
         places = self._results([first, *self._calls(self._everyone[1:], "join", credentials)])
         known, self.step = self.step, max(step for _, step in places)
         self.credentials, self._is_joined, self._is_settled = credentials, True, True
@@ -194,7 +195,7 @@ class DaskSession:
             )
 
     def _repeated(self, attempt: Callable[[], Any]) -> Any:
-        """Carry something out; again, if a worker of the cluster or of the server dies."""
+        """Call ``attempt``; repeat it if a worker of the cluster or of the server dies."""
         for _ in range(_ATTEMPTS):
             try:
                 self._settle()
@@ -209,12 +210,12 @@ class DaskSession:
         raise self._too_many()
 
     def _settle(self) -> None:
-        """After a failure: have each rank on a worker, in the session and without a trial, and none waiting."""
+        """After a failure, put each rank on a worker and into the session, with no trial and no waiting call."""
         if self._is_settled and set(self.workers) <= set(self._present()):
             return
         self._is_trial = False
         self._place()
-        if not self._is_joined and self.credentials is not None:  # its worker in the server died, or it was kept
+        if not self._is_joined and self.credentials is not None:  # the server's worker died, or the session was kept
             first = self._call(0, "resume", self.credentials)
             self._results([first])
             self._enter(self.credentials, first)
@@ -222,7 +223,7 @@ class DaskSession:
         self._is_settled = True
 
     def _place(self) -> None:
-        """Put each rank whose worker is gone on another one: it reads its partition, and joins if others have."""
+        """Put each rank whose worker is gone on another one: it reads its partition, and joins if the others have."""
         present = self._present()
         lost = sorted(self._lost | {number for number, worker in enumerate(self.workers) if worker not in present})
         kept = [worker for number, worker in enumerate(self.workers) if number not in lost]
@@ -236,20 +237,20 @@ class DaskSession:
         self._lost.difference_update(lost)
 
     def _present(self) -> list[str]:
-        """Addresses of the cluster's workers.
+        """Return the addresses of the cluster's workers.
 
         Raises
         ------
         Unavailable
-            If there is none for a while, or the scheduler does not answer.
+            If there is no worker for a while, or the scheduler does not answer.
         """
         deadline = time.monotonic() + self._patience
         while True:
             listed = self._listed()
-            if found := listed - self._unreachable:  # the scheduler learns of a death a little later
+            if found := listed - self._unreachable:  # the scheduler notices a worker's death a little later
                 return sorted(found)
             if time.monotonic() > deadline:
-                if listed:  # started again at the address that it had
+                if listed:  # a worker was started again at its old address
                     self._unreachable.clear()
                     return sorted(listed)
                 raise Unavailable(
@@ -266,17 +267,17 @@ class DaskSession:
             return set()
 
     def _made(self, motions: Sequence[Motion]) -> Answer:
-        """A trial."""
+        """Make a trial with the motion of each rank."""
         first: Answer = self._results([self._call(number, "move", motion) for number, motion in enumerate(motions)])[0]
         self._is_trial = True
         return first
 
     def _all(self, verb: str, *given: Any) -> list[Any]:
-        """Have all ranks do the same; their answers."""
+        """Let all ranks do the same; return their answers."""
         return self._results(self._calls(self._everyone, verb, *given))
 
     def _results(self, calls: Sequence[Future[Any]]) -> list[Any]:
-        """What calls answer, when all have; the first failure as soon as there is one, a lost worker before others."""
+        """Return all results when they are complete; raise the first failure at once, a lost worker first."""
         while True:
             ended, waiting = wait(calls, _LOOK_SECONDS, return_when=FIRST_EXCEPTION)
             failed = [error for call in calls if call in ended and (error := call.exception()) is not None]
@@ -285,14 +286,14 @@ class DaskSession:
             if not waiting:
                 return [call.result() for call in calls]
             gone = set(self.workers) - self._listed()
-            if gone:  # Dask tries for half a minute to reach one
+            if gone:  # Dask tries for half a minute to reach a lost worker
                 raise _WorkerLost(", ".join(sorted(gone)))
 
     def _calls(self, numbers: Iterable[int], verb: str, *given: Any) -> list[Future[Any]]:
         return [self._call(number, verb, *given) for number in numbers]
 
     def _dismissed(self, outcome: Literal["keep", "discard"]) -> list[Future[Any]]:
-        """The ranks end; what comes next begins with new ones."""
+        """End the ranks; the next call starts new ones."""
         here = [number for number, worker in enumerate(self.workers) if worker and worker not in self._unreachable]
         ending = self._calls(here, "close", outcome)
         self.workers, self._name, self._is_joined = [""] * len(self._files), uuid.uuid4().hex, False
@@ -307,7 +308,7 @@ class DaskSession:
     # --- one rank ----------------------------------------------------------------------------------------------------
 
     def _call(self, number: int, verb: str, *given: Any) -> Future[Any]:
-        """Have one rank do something, in a thread that waits for its answer."""
+        """Let one rank do something, in a thread that waits for its answer."""
         return self._threads.submit(self._asked, number, self.workers[number], f"{self._name}-{number}", verb, *given)
 
     def _asked(self, number: int, worker: str, name: str, verb: str, *given: Any) -> Any:
@@ -316,7 +317,7 @@ class DaskSession:
         except OSError as error:
             self._unreachable.add(worker)
             ended, found = "lost", error
-        except Exception as error:  # what was sent cannot be read there, which Dask reports in several ways
+        except Exception as error:  # the worker cannot unpickle the argument, which Dask reports in several ways
             raise InvalidInput(
                 f"worker {worker} cannot be asked: {error}",
                 hint="pip install 'mesh-motion-client[dask]' for the workers, in the version that is here; a "
@@ -359,19 +360,19 @@ def open_on_workers(
     Parameters
     ----------
     endpoint : str
-        Of the server, as the workers reach it.
+        The server's endpoint, as the workers reach it.
     cluster : dask.distributed.Client
     files : sequence of path
-        One of each partition, as the workers see them: ``mesh-motion convert MESH FOLDER --partitions N`` writes them.
-        Several may be on one worker.
+        One file for each partition, by the paths that the workers use: ``mesh-motion convert MESH FOLDER --partitions
+        N`` writes them. One worker may have several partitions.
     roles : dict
         Name of each patch → its role, as in :class:`.Patch`.
     settings, label, durability
         As for :meth:`.server.Server.open`; settings as ``evaluation = "client"`` takes them.
     credentials : Credentials, optional
-        Of a session that was kept, with the same files: it goes on at its last committed step.
+        Credentials of a session that was kept, with the same files: the session goes on at its last committed step.
     patience : float
-        Seconds to wait for a worker where there is none.
+        Seconds to wait for a worker if the cluster has none.
 
     Raises
     ------

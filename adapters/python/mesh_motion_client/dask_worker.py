@@ -28,7 +28,7 @@ Place = tuple[NDArray[np.int64], int]
 
 @dataclass(frozen=True)
 class Answer:
-    """What a trial is like; its nodes stay on the workers. The fields are those of :class:`.moved.Moved`."""
+    """The result of a trial; the node positions stay on the workers. The fields are those of :class:`.moved.Moved`."""
 
     step: int
     iteration: int
@@ -38,9 +38,9 @@ class Answer:
 
 
 class _Rank:
-    """One partition. All that it does runs in one thread of its own, in the order in which it was asked.
+    """One partition. All its calls run in one thread of its own, in the order in which they were made.
 
-    It is no thread of Dask's: two ranks on a worker of one thread wait for each other.
+    The thread is not one of Dask's: two ranks on a worker with a single Dask thread would block each other.
     """
 
     session: Session | None = None
@@ -63,7 +63,7 @@ class _Rank:
         self.server = connect(self._endpoint)
 
     def open(self, settings: Mapping[str, Any], options: Mapping[str, Any]) -> Place:
-        """Open the session; the others join as soon as it is announced."""
+        """Open the session; the other ranks join as soon as its credentials are announced."""
         announce = self.announced.set_result
         try:
             opened = self._connected.open(self.mesh, settings, evaluation="client", announce=announce, **options)
@@ -74,7 +74,7 @@ class _Rank:
             raise
 
     def resume(self, credentials: Credentials) -> Place:
-        """Take up a session that was kept, or whose worker in the server died; the others join then."""
+        """Resume a session that was kept, or whose worker in the server died; the other ranks join afterwards."""
         return self._entered(self._connected.resume(credentials, self.mesh, partition=self._partition))
 
     def join(self, credentials: Credentials) -> Place:
@@ -82,17 +82,17 @@ class _Rank:
         return self._entered(self._connected.join(credentials, self.mesh, partition=self._partition))
 
     def rest(self, credentials: Credentials) -> int:
-        """Drop the trial together with all others, whatever they are doing; the last committed step."""
+        """Drop the trial together with all other ranks, whatever they are doing; return the last committed step."""
         while True:
             try:
                 self._entered_session.rollback()
             except (InvalidInput, SessionError) as error:
                 if error.code == "FAILED_PRECONDITION.STEP":  # the others have committed since this one joined
                     self.join(credentials)
-                elif error.code != "INVALID_ARGUMENT.PARTITION":  # that: what another one waited for has ended
+                elif error.code != "INVALID_ARGUMENT.PARTITION":  # another partition's wait ended
                     raise
             else:
-                self._entered_session.forget_correction()  # one that has joined does not know it: all ask for it
+                self._entered_session.forget_correction()  # a new rank does not know it: all ask again
                 return self._entered_session.step
 
     def move(self, motion: Motion) -> Answer:
@@ -106,7 +106,7 @@ class _Rank:
         self._entered_session.commit()
 
     def write(self, folder: str) -> str:
-        """Write the committed coordinates (n, d) of all nodes to a file that is named as the partition's."""
+        """Write the committed coordinates (n, d) of all nodes to a file named like the partition's file."""
         points, path = self._entered_session.points(), Path(folder) / f"{Path(self._path).stem}.npy"
         partial = path.with_suffix(".part")
         try:
@@ -144,14 +144,15 @@ class _Rank:
         return self.session
 
 
-#: Of this process, by session and partition.
+#: The ranks of this process, by session and partition.
 _RANKS: dict[str, _Rank] = {}
 
 
 async def perform(name: str, verb: str, *given: Any) -> tuple[Literal["done", "failed", "lost"], Any]:
-    """Have the rank of this name do something; its answer, or the error.
+    """Let the rank of this name do something; return its answer, or the error.
 
-    ("read", endpoint, path, partition, roles) makes it. "lost": there is none, this process was started after it.
+    ("read", endpoint, path, partition, roles) makes the rank. "lost": this process has no such rank, because the
+    process was started later.
     """
     if verb == "read":
         _RANKS[name], given = _Rank(*given[:3]), given[3:]
@@ -159,10 +160,10 @@ async def perform(name: str, verb: str, *given: Any) -> tuple[Literal["done", "f
     if rank is None:
         return "lost", None
     try:
-        if verb == "announced":  # not in its thread, which is opening the session
+        if verb == "announced":  # not in the rank's thread: that thread is opening the session
             return "done", await asyncio.wrap_future(rank.announced)
         return "done", await asyncio.get_running_loop().run_in_executor(rank.thread, getattr(rank, verb), *given)
-    except Exception as error:  # what a motion raises too
+    except Exception as error:  # includes every error of a user's motion
         return "failed", error
     finally:
         if verb == "close":

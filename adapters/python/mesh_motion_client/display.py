@@ -1,7 +1,7 @@
-"""What a notebook shows: a few lines about an object, its picture, and the progress of a loop.
+"""Display in a notebook: a few lines about an object, its picture, and the progress of a loop.
 
-matplotlib (the extra ``plot``), PyVista and tqdm are imported where they are needed, so that a solver's
-environment stays small. A mesh in space is drawn by PyVista where it is installed, by matplotlib otherwise.
+matplotlib (the extra ``plot``), PyVista and tqdm are imported only when they are needed, so that a solver's environment
+stays small. PyVista draws a 3D mesh if it is installed, otherwise matplotlib.
 """
 
 from __future__ import annotations
@@ -26,23 +26,23 @@ __all__ = ["Described", "draw", "progress"]
 Value = TypeVar("Value")
 Floats = NDArray[np.float64]
 
-#: The facets of each cell type, in its node order; cells of a plane mesh are drawn themselves.
+#: The facets of each 3D cell type, in its node order; cells of a 2D mesh are drawn themselves.
 _FACETS: Mapping[str, Sequence[Sequence[int]]] = {
     "tetra": ((0, 2, 1), (0, 1, 3), (1, 2, 3), (2, 0, 3)),
     "pyramid": ((0, 3, 2, 1), (0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4)),
     "wedge": ((0, 2, 1), (3, 4, 5), (0, 1, 4, 3), (1, 2, 5, 4), (2, 0, 3, 5)),
     "hexahedron": ((0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)),
 }
-#: Worst cells that are marked.
+#: Number of worst cells that are marked.
 _MARKED = 10
 
 
 class Described(ABC):
-    """Shown by a few lines, on a terminal and in a notebook."""
+    """An object that shows itself by a few lines, on a terminal and in a notebook."""
 
     @abstractmethod
     def description(self) -> list[str]:
-        """The lines; the first says what it is."""
+        """The lines; the first one names the object."""
 
     def __repr__(self) -> str:
         return "\n  ".join(self.description())
@@ -53,7 +53,7 @@ class Described(ABC):
 
 
 def progress(steps: Sequence[Value], what: str = "steps") -> Iterator[Value]:
-    """Go through steps and show how far it is: with tqdm where it is installed, or in a line that is written again.
+    """Iterate over steps and show the progress: with tqdm if it is installed, else in one line that is overwritten.
 
     Examples
     --------
@@ -70,9 +70,9 @@ def progress(steps: Sequence[Value], what: str = "steps") -> Iterator[Value]:
 
 
 def draw(mesh: Mesh, points: Floats, title: str, worst: Sequence[Mapping[str, Any]] = ()) -> Any:
-    """The mesh at these coordinates (n, d), coloured by how far each facet has moved; worst cells are marked.
+    """Draw the mesh at coordinates (n, d), coloured by the displacement of each facet; worst cells are marked.
 
-    Of a mesh in space the moving patches are drawn, or the whole boundary where there is none.
+    In 3D the moving patches are drawn; without moving patches, the whole boundary.
 
     Returns
     -------
@@ -95,7 +95,7 @@ def _plane_cells(mesh: Mesh) -> list[NDArray[np.integer]]:
 
 
 def _boundary(mesh: Mesh) -> list[NDArray[np.integer]]:
-    """The facets that one cell has alone, as rows of nodes; those of the moving patches where there are any."""
+    """The facets that belong to one cell only, as rows of nodes; those of the moving patches, if there are any."""
     found: dict[int, list[NDArray[np.integer]]] = {}
     for name, nodes in mesh.cells.items():
         for facet in _FACETS.get(name, ()):

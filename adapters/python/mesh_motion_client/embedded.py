@@ -1,4 +1,4 @@
-"""A private server for one client: a subprocess that ends with it."""
+"""A private server for one client: a subprocess that ends with the client."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from mesh_motion_protocol.ipc_paths import PREFIX, folder_for_sockets
 
 __all__ = ["EmbeddedServer"]
 
-#: The server drains when this inherited file descriptor reads as ended: it never outlives its client.
+#: The server drains when this inherited file descriptor reaches its end: the server never outlives its client.
 _LIFELINE = "MESH_MOTION_LIFELINE_FD"
-#: A JSON list of folders that the server removes at its end, because a client that is killed cannot.
+#: A JSON list of folders that the server removes at its end, because a killed client cannot remove them.
 _PRIVATE_FOLDERS = "MESH_MOTION_PRIVATE_FOLDERS"
 #: Longest name of a worker's socket.
 _WORKER_SOCKET = "w4194304.ipc"
-#: In this process: a forked child is none of their clients.
+#: Servers that this process started: a forked child is not their client.
 _RUNNING: weakref.WeakSet[EmbeddedServer] = weakref.WeakSet()
 
 
@@ -35,16 +35,16 @@ class EmbeddedServer:
     Parameters
     ----------
     state : path or None
-        Where sessions are stored; None: with the endpoint, and deleted at the end.
+        Where sessions are stored; None: in the endpoint's folder, which is deleted at the end.
     timeout : float
-        Seconds to become ready, and to stop.
+        Seconds for the start, and for the stop.
     options : sequence of str
         Further options of ``mesh-motion serve``.
 
     Raises
     ------
     Unavailable
-        If the server does not become ready; the message has its last words.
+        If the server does not become ready; the message has the server's last output.
     """
 
     def __init__(self, state: str | os.PathLike[str] | None, timeout: float, options: Sequence[str] = ()) -> None:
@@ -67,7 +67,7 @@ class EmbeddedServer:
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
                 stderr=log,
-                start_new_session=True,  # Ctrl-C is for the client, which then stops the server in order
+                start_new_session=True,  # Ctrl-C is for the client, which then stops the server in the right order
             )
         os.close(reader)
         _RUNNING.add(self)
@@ -84,7 +84,7 @@ class EmbeddedServer:
         self.endpoint = json.loads(ready.read_text(encoding="utf-8"))["endpoint"]
 
     def _last_words(self) -> tuple[str, str]:
-        """What it said last, and the way out."""
+        """The server's last output, and a way out of the error."""
         lines = self._log.read_text(encoding="utf-8", errors="replace").strip().splitlines()
         if not lines:
             return f"no output within {self._timeout} s", "give it more time: timeout=…"
@@ -98,13 +98,13 @@ class EmbeddedServer:
             return lines[-1], ""
 
     def leave_to_parent(self) -> None:
-        """Give the server up in a forked child: it lives and ends with the parent."""
+        """Give the server up in a forked child: the server lives and ends with the parent."""
         os.close(self._lifeline)
         self._lifeline = -1
         self._cleanup.detach()
 
     def stop(self) -> None:
-        """Drain and end it; idempotent."""
+        """Drain and end the server; idempotent."""
         if not self._cleanup.alive:
             return
         if self._lifeline >= 0:
@@ -121,7 +121,7 @@ class EmbeddedServer:
 
 
 def _pipe() -> tuple[int, int]:
-    """Return both ends of a pipe above the standard descriptors, which may be closed here and are others in a child."""
+    """Return both ends of a pipe with numbers above 2: closed standard descriptors here would be others in a child."""
     import fcntl  # noqa: PLC0415  (not on Windows, where the client can be imported all the same)
 
     ends = os.pipe()
@@ -142,5 +142,5 @@ def _leave_all_to_parent() -> None:
             server.leave_to_parent()
 
 
-if hasattr(os, "register_at_fork"):  # where processes fork
+if hasattr(os, "register_at_fork"):  # on systems where processes can fork
     os.register_at_fork(after_in_child=_leave_all_to_parent)

@@ -1,4 +1,4 @@
-"""The errors of the client, which are those of server and numerics too: the classes of :mod:`mesh_motion_protocol`."""
+"""The errors of the client, which server and numerics raise too: the classes of :mod:`mesh_motion_protocol`."""
 
 from mesh_motion_protocol import errors
 from mesh_motion_protocol.errors import *  # noqa: F403

@@ -1,9 +1,9 @@
-"""Meshes of other packages: of PyVista, meshio and Gmsh as they lie in memory, files by the server's readers.
+"""Meshes of other packages: PyVista, meshio and Gmsh objects in memory, and files through the server's readers.
 
-Each package is imported when it is needed.
+Each package is imported only when it is needed.
 
-What comes from them has cells of several dimensions and three coordinates: those of the highest dimension are the mesh,
-the others are its patches.
+Their meshes have cells of several dimensions and three coordinates: the cells of the highest dimension become the mesh,
+the others its patches.
 """
 
 from __future__ import annotations
@@ -38,16 +38,16 @@ _TYPES = {
     "wedge": (3, 13, 6),
     "hexahedron": (3, 12, 5),
 }
-#: Types of VTK that are ours with the nodes in another order: pixels and voxels, the cells of images and of axes.
+#: VTK types that are ours with another node order: pixels and voxels, the cells of images along the axes.
 _ALIGNED = {8: ("quad", [0, 1, 3, 2]), 11: ("hexahedron", [0, 1, 3, 2, 4, 5, 7, 6])}
-#: Types of VTK that are no cells (none, a vertex, several), and names of those that are never taken.
+#: VTK types that are no cells (none, a vertex, several vertices), and names of types that are never accepted.
 _NO_CELLS = (0, 1, 2)
 _ODD = {4: "polylines", 6: "triangle strips", 7: "polygons", 15: "prisms", 16: "prisms", 42: "polyhedra"}
 _PREFIX = "patch_"
 
 
 class Content(NamedTuple):
-    """What a mesh is made of: points (n, d), cells by type, the nodes of each patch."""
+    """The parts of a mesh: points (n, d), cells by type, the nodes of each patch."""
 
     points: Floats
     cells: dict[str, Ints]
@@ -55,10 +55,10 @@ class Content(NamedTuple):
 
 
 def optional_package(name: str) -> Any:
-    """A package that the client does not require; InvalidInput with the way to it if it cannot be imported."""
+    """Import an optional package; raise InvalidInput with the command that installs it if it cannot be imported."""
     try:
         return import_module(name)
-    except (ImportError, OSError) as error:  # Gmsh's wheel needs libraries of the system
+    except (ImportError, OSError) as error:  # Gmsh's wheel needs system libraries
         raise InvalidInput(
             f"this needs {name}, which cannot be imported: {error}", hint=f"pip install {name}"
         ) from error
@@ -68,7 +68,7 @@ def optional_package(name: str) -> Any:
 
 
 def to_pyvista(mesh: Mesh, points: Floats) -> Any:
-    """``pyvista.UnstructuredGrid`` of a mesh, its nodes at points (n, d); arrays ``patch_<name>`` mark the patches."""
+    """Return a ``pyvista.UnstructuredGrid`` of a mesh with points (n, d); arrays ``patch_<name>`` mark the patches."""
     types = [np.full(len(nodes), _TYPES[name][1], dtype=np.uint8) for name, nodes in mesh.cells.items()]
     rows = [np.insert(nodes, 0, nodes.shape[1], axis=1).ravel() for nodes in mesh.cells.values()]
     in_space = np.zeros((len(points), 3))
@@ -82,7 +82,7 @@ def to_pyvista(mesh: Mesh, points: Floats) -> Any:
 
 
 def from_pyvista(dataset: Any, wanted: Iterable[str]) -> Content:
-    """The content of a dataset; the patch ``name`` is where its point array ``name`` or ``patch_<name>`` is not 0."""
+    """Return the content of a dataset; the patch ``name`` has the nodes whose ``name`` or ``patch_<name>`` is not 0."""
     if not hasattr(dataset, "cast_to_unstructured_grid"):
         raise InvalidInput(
             f"expected a dataset of PyVista, got {type(dataset).__name__}",
@@ -91,7 +91,7 @@ def from_pyvista(dataset: Any, wanted: Iterable[str]) -> Content:
     grid = dataset.cast_to_unstructured_grid()
     ours = {number: (name, slice(None)) for name, (_, number, _) in _TYPES.items()} | _ALIGNED
     kinds = set(np.unique(grid.celltypes).tolist()).difference(_NO_CELLS)
-    for kind in sorted(kinds - set(ours)):  # before cells_dict, which has no polyhedra
+    for kind in sorted(kinds - set(ours)):  # check before cells_dict, which does not support polyhedra
         raise InvalidInput(
             f"the mesh has cells of VTK's type {kind} ({_ODD.get(kind, 'of another shape, or curved')}); "
             f"expected {', '.join(_TYPES)}, pixels, voxels",
@@ -111,7 +111,7 @@ def from_pyvista(dataset: Any, wanted: Iterable[str]) -> Content:
 
 
 def from_meshio(mesh: Any, wanted: Iterable[str]) -> Content:
-    """The content of a ``meshio.Mesh``; a patch is a set of points or cells, or a named physical group of Gmsh."""
+    """Return the content of a ``meshio.Mesh``; its patches are sets of points or cells, or Gmsh's named groups."""
     if not all(hasattr(mesh, name) for name in ("points", "cells", "point_sets", "cell_sets", "field_data")):
         raise InvalidInput(
             f"expected a meshio.Mesh, got {type(mesh).__name__}", hint="meshio.read(…), or Mesh.load of a file"
@@ -136,7 +136,7 @@ def from_meshio(mesh: Any, wanted: Iterable[str]) -> Content:
 
 
 def from_gmsh() -> Content:
-    """The content of Gmsh's current model; its physical groups below the cells' dimension are the patches.
+    """Return the content of Gmsh's current model; its physical groups below the cells' dimension are the patches.
 
     Nodes are in the order of their tags. A group without a name has its number; where a surface has that number, a
     curve is ``curve_<number>``, a point ``point_<number>``, as in files. Groups with one name are one patch.
@@ -175,11 +175,11 @@ def from_gmsh() -> Content:
 
 
 def from_file(path: str | os.PathLike[str], zone: str) -> Content:
-    """The content of a mesh file, by the readers of the server's package; ``zone`` as for ``Mesh.load``."""
+    """Read the content of a mesh file with the readers of the server's package; ``zone`` as for ``Mesh.load``."""
     if not Path(path).exists():
         raise InvalidInput(f"{os.fspath(path)}: cannot be read: there is no such file")
     try:
-        # the server's package names its reader in its metadata: the client imports none of its modules
+        # the metadata of the server's package names its reader: the client imports no module of the server by name
         read_mesh = next(iter(entry_points(group="mesh_motion_client", name="read_mesh"))).load()
     except (ImportError, StopIteration) as error:
         raise InvalidInput(
@@ -194,7 +194,7 @@ def from_file(path: str | os.PathLike[str], zone: str) -> Content:
 
 
 def _content(points: Any, cells: Mapping[str, Ints], patches: dict[str, Ints]) -> Content:
-    """Keep the cells of the highest dimension, and as many coordinates."""
+    """Keep the cells of the highest dimension, and the same number of coordinates."""
     odd = sorted(set(cells) - set(_TYPES))
     if odd or not cells:
         raise InvalidInput(
@@ -218,7 +218,7 @@ def _nodes(parts: Iterable[Any]) -> Ints:
 
 
 def _check_patches(where: str, wanted: Iterable[str], found: Mapping[str, Any]) -> None:
-    """Raise InvalidInput for a patch that is not there."""
+    """Raise InvalidInput for a patch that does not exist."""
     for name in wanted:
         if name not in found:
             raise InvalidInput(

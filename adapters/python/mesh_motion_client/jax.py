@@ -9,11 +9,11 @@
     motion = Motion(session)                # (n, d) of all nodes for (k, d) of session.moving_nodes, float64
     gradient = jax.grad(lambda boundary: objective(points + motion(boundary)))(boundary)
 
-It is called back from compiled code (``jit``), and column by column under ``vmap``; the derivative takes all columns at
+Compiled code (``jit``) calls the motion back, under ``vmap`` once for each column; the derivative takes all columns at
 once (``jacfwd``, ``jacrev``). A derivative includes the correction of the mesh; there is no second derivative. An error
-of the server comes as the error that JAX makes of a failed callback, with its text.
+of the server becomes JAX's error of a failed callback, with the server's text.
 
-The derivative is a primitive of its own, linear in the vector: J v, whose transpose is Jᵀ w.
+The derivative is a JAX primitive that is linear in the vector: J v, whose transpose is Jᵀ w.
 """
 
 from __future__ import annotations
@@ -46,7 +46,8 @@ class Motion:
     Parameters
     ----------
     session : Session
-        Of one partition, with derivatives. Each new argument is a trial of it; nothing is committed.
+        A session of one partition, with derivatives. Each new argument is a trial of this session; nothing is
+        committed.
 
     Raises
     ------
@@ -93,8 +94,8 @@ def _moved_jvp(motion: MotionFunction, nodes: int, at: Any, along: Any) -> Any:
     return _moved(motion, nodes, displacement), slope
 
 
-#: J v (way "tangent") or Jᵀ w ("cotangent") at ``displacement`` of one or several vectors (…, m, d): ``rows`` in each
-#: result, ``back`` in each vector.
+#: J v (way "tangent") or Jᵀ w ("cotangent") at ``displacement`` for one or several vectors (…, m, d). ``rows``: number
+#: of rows in each result; ``back``: in each vector.
 _derivative_p = Primitive("mesh_motion_derivative")
 
 

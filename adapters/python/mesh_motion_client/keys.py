@@ -1,4 +1,4 @@
-"""The keys for a server that asks for them: the client's own, and the server's public one."""
+"""The keys for a server that requires them: the client's own key, and the server's public key."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ Path = str | os.PathLike[str]
 
 @dataclass(frozen=True)
 class Keys:
-    """What a client proves itself with, and whom it takes for the server.
+    """The client's secret key, and the public key of the server that it accepts.
 
     Attributes
     ----------
     name : str
-        Whose they are.
+        Name of the key's owner.
     secret : str
-        Z85. Who has it is the client.
+        The client's secret key, Z85. It proves who the client is.
     server : str
         The server's public key, Z85.
     """
@@ -58,7 +58,7 @@ class Keys:
 
     @classmethod
     def from_environment(cls) -> Keys | None:
-        """Those that ``MESH_MOTION_KEY`` and ``MESH_MOTION_SERVER_KEY`` name; None if neither is set.
+        """Read the keys that ``MESH_MOTION_KEY`` and ``MESH_MOTION_SERVER_KEY`` name; None if neither is set.
 
         Raises
         ------
@@ -91,7 +91,7 @@ class Keys:
 
 
 def _server_key(text: Path) -> str:
-    """The key in a file, or the text itself if it is one and no file."""
+    """The key in a file; the text itself if it is a key and not a file."""
     if isinstance(text, str) and len(text) == 40 and not os.path.exists(text):
         return checked_key(text)
     return PublicKey.load(text).key

@@ -1,4 +1,4 @@
-"""What a session is opened with: points, cells and patches, checked before anything is sent."""
+"""The mesh that opens a session: points, cells and patches, checked before anything is sent."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ from mesh_motion_client.exchange import Content, from_file, from_gmsh, from_mesh
 
 __all__ = ["CELL_NODES", "ROLES", "Mesh", "Patch", "finite_rows", "real_numbers", "whole_numbers"]
 
-#: Nodes of each cell type.
+#: Number of nodes of each cell type.
 CELL_NODES = {"line": 2, "triangle": 3, "quad": 4, "tetra": 4, "pyramid": 5, "wedge": 6, "hexahedron": 8}
 ROLES = ("moving", "fixed", "slip", "symmetry", "periodic")
 
-#: Cells of a plane mesh.
+#: Cell types of a 2D mesh.
 _PLANE = ("triangle", "quad")
 
-#: Bytes of one UPLOAD: small enough that the worker never holds much more than the mesh itself.
+#: Bytes of one UPLOAD: so small that the worker never holds much more than the mesh itself.
 _PART_BYTES = 32 << 20
-#: Nodes that 4 bytes number.
+#: Number of nodes that 4-byte integers can number.
 _INT32 = 1 << 31
-#: A packed file may always hold so many bytes, and more if they are at most so many times its own.
+#: Bytes that a packed file may always unpack to, and the factor of its own size that it may unpack to.
 _UNPACKED_BYTES, _UNPACKED_RATIO = 1 << 30, 200
-#: What a damaged ``.npz`` raises.
+#: Errors that reading a damaged ``.npz`` raises.
 _DAMAGED = (ValueError, zipfile.BadZipFile, EOFError, KeyError, RuntimeError, MemoryError, OverflowError)
 
 
@@ -68,8 +68,8 @@ class Mesh(Described):
     points : (n, d) array, mesh length unit
         d = 1, 2 or 3.
     cells : dict
-        Cell type → (m, nodes of the type) int array, 0-based, in VTK's node order; but a
-        wedge's as in Gmsh, 0, 1, 2 anticlockwise as seen from 3, 4, 5.
+        Cell type → (m, nodes of the type) int array, 0-based, in VTK's node order; but a wedge in Gmsh's order: 0, 1, 2
+        anticlockwise as seen from 3, 4, 5.
     patches : dict
         Name → :class:`Patch`.
     global_ids : (n,) int array, optional
@@ -106,9 +106,9 @@ class Mesh(Described):
         Parameters
         ----------
         path : path
-            ``.npz``, as ``mesh-motion convert`` writes it: ``points``, ``cells_<type>``, ``patch_<name>``, and of a
-            partition ``global_ids``. Where the server's package is installed too, every file that ``mesh-motion check``
-            reads: of Gmsh, OpenFOAM, SU2, VTK, CGNS, …
+            ``.npz``, as ``mesh-motion convert`` writes it: ``points``, ``cells_<type>``, ``patch_<name>``, and in a
+            partition ``global_ids``. If the server's package is installed too, also every file that
+            ``mesh-motion check`` reads: of Gmsh, OpenFOAM, SU2, VTK, CGNS, …
         roles : dict
             Name of each patch → its role. A partition need not have all of them.
         zone : str
@@ -196,14 +196,14 @@ class Mesh(Described):
         return cls._of(from_gmsh(), roles, "Gmsh's model: ")
 
     def to_pyvista(self) -> Any:
-        """``pyvista.UnstructuredGrid`` of the mesh, with a point array ``patch_<name>`` for each patch."""
+        """Return a ``pyvista.UnstructuredGrid`` of the mesh, with a point array ``patch_<name>`` for each patch."""
         return to_pyvista(self, self.points)
 
     @classmethod
     def _of(
         cls, content: Content, roles: Mapping[str, str], where: str = "", global_ids: NDArray[np.int64] | None = None
     ) -> Self:
-        """The mesh with a role for each patch; a patch that has a role must be there, except in a partition."""
+        """Make the mesh with a role for each patch; each patch with a role must exist, except in a partition."""
         without, unknown = sorted(set(content.patches) - set(roles)), sorted(set(roles) - set(content.patches))
         if without:
             raise InvalidInput(
@@ -230,23 +230,23 @@ class Mesh(Described):
 
     @property
     def nbytes(self) -> int:
-        """What the upload takes."""
+        """Bytes of the upload."""
         sizes = [self.points.nbytes, *(nodes.nbytes for nodes in self.cells.values())]
         return sum(sizes) + sum(patch.nodes.nbytes for patch in self.patches.values())
 
     def description(self) -> list[str]:
-        """Its size, its box, and its patches."""
+        """The mesh's size, bounding box and patches."""
         cells = ", ".join(f"{len(nodes)} {name}" for name, nodes in self.cells.items())
         low, high = (", ".join(f"{x:.4g}" for x in ends) for ends in (self.points.min(axis=0), self.points.max(axis=0)))
         patches = [f"{name}: {len(patch.nodes)} nodes, {patch.role}" for name, patch in self.patches.items()]
         return [f"Mesh in {self.dimension}D: {len(self.points)} nodes, {cells}", f"box ({low}) to ({high})", *patches]
 
     def plot(self) -> Any:
-        """A picture: of a plane mesh its cells, of one in space its boundary. See :func:`.display.draw`."""
+        """Draw a picture: the cells of a 2D mesh, the boundary of a 3D mesh. See :func:`.display.draw`."""
         return draw(self, self.points, "the mesh as given")
 
     def parts(self, **at: Any) -> Iterator[Upload]:
-        """The UPLOADs that carry this mesh; ``at`` are the fields they share."""
+        """Yield the UPLOADs that carry this mesh; ``at`` are the fields they share."""
         items: list[tuple[dict[str, Any], NDArray[Any]]] = [({"item": "nodes"}, self.points)]
         if self.global_ids is not None:
             items.append(({"item": "global_ids"}, self.global_ids[:, None]))
@@ -259,7 +259,7 @@ class Mesh(Described):
             yield from uploads(rows, **at, **fields)
 
     def _check_kinds(self) -> None:
-        """Cells and patches are by name."""
+        """Check that cells and patches are dicts by name."""
         if not isinstance(self.cells, Mapping):
             raise InvalidInput(
                 f"cells must be a dict, cell type → node numbers, got {_short(self.cells)}",
@@ -290,7 +290,7 @@ class Mesh(Described):
         if array.ndim != 2 or array.shape[1] != CELL_NODES[name]:
             raise InvalidInput(f"cells of type {name} must have shape (m, {CELL_NODES[name]}), got {array.shape}")
         self._check_range(array, f"cells of type {name}")
-        # half the way to the server; narrow and wide mean the same
+        # half the bytes to send; narrow and wide integers mean the same
         return np.array(array, dtype=np.int32 if len(self.points) <= _INT32 else np.int64, order="C")
 
     def _check_range(self, nodes: NDArray[Any], what: str) -> None:
@@ -306,7 +306,7 @@ class Mesh(Described):
 
 
 def _check_unpacked(path: str | os.PathLike[str], held: int) -> None:
-    """Raise InvalidInput for a file that is made to fill the memory."""
+    """Raise InvalidInput for a file that is made to fill the memory when it is unpacked."""
     packed = os.path.getsize(path)
     most = max(_UNPACKED_BYTES, _UNPACKED_RATIO * packed)
     if held > most:
@@ -317,7 +317,7 @@ def _check_unpacked(path: str | os.PathLike[str], held: int) -> None:
 
 
 def real_numbers(values: ArrayLike, what: str) -> NDArray[np.float64]:
-    """The values as a float64 array, uncopied where they are one."""
+    """The values as a float64 array; no copy if they are one already."""
     try:
         if np.iscomplexobj(values):
             raise TypeError("they are complex")
@@ -328,7 +328,7 @@ def real_numbers(values: ArrayLike, what: str) -> NDArray[np.float64]:
 
 
 def finite_rows(values: ArrayLike, what: str) -> NDArray[np.float64]:
-    """(n, d) float64 copy of ``values``, without NaN or infinity; an (n,) input is one column."""
+    """Return a (n, d) float64 copy of ``values``, checked for NaN and infinity; an (n,) input becomes one column."""
     array = np.array(real_numbers(values, what), order="C")
     if array.ndim == 1:
         array = array[:, None]
@@ -353,7 +353,7 @@ def _indices(values: ArrayLike, what: str) -> NDArray[np.int64]:
 
 
 def whole_numbers(values: ArrayLike, what: str) -> NDArray[Any]:
-    """The values as an array, uncopied where they are one."""
+    """The values as an array of integers; no copy if they are one already."""
     try:
         _refuse_masked(values)
     except ValueError as error:
@@ -370,7 +370,7 @@ def whole_numbers(values: ArrayLike, what: str) -> NDArray[Any]:
 
 
 def _refuse_masked(values: ArrayLike) -> None:
-    """Raise ValueError for a masked array with masked entries: numpy would take what lies under the mask."""
+    """Raise ValueError for a masked array with masked entries: numpy would use the values under the mask."""
     if np.ma.is_masked(values):
         entry = [int(i) for i in np.argwhere(np.ma.getmaskarray(np.ma.asarray(values)))[0]]
         raise ValueError(f"entry {entry} is masked; fill it, or leave its row out")
@@ -378,11 +378,11 @@ def _refuse_masked(values: ArrayLike) -> None:
 
 def uploads(rows: NDArray[Any], **fields: Any) -> Iterator[Upload]:
     """The UPLOADs of (k, c) rows with these fields, at least one."""
-    step = max(1, _PART_BYTES // (8 * rows.shape[1]))  # 8 bytes each once they have arrived
+    step = max(1, _PART_BYTES // (8 * rows.shape[1]))  # the receiver widens each item to 8 bytes
     for start in range(0, max(1, len(rows)), step):
         yield Upload(**fields, rows=rows[start : start + step])
 
 
 def _short(value: object) -> str:
-    """What it is, without its content where that is long."""
+    """Describe a value; a long one without its content."""
     return f"an array of shape {value.shape}" if isinstance(value, np.ndarray) else f"{value!r:.60}"

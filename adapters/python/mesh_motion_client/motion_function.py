@@ -1,4 +1,4 @@
-"""The motion of a session as a function of its boundary: what automatic differentiation and optimisers call."""
+"""The motion of a session as a function of its boundary, for automatic differentiation and optimisers."""
 
 from __future__ import annotations
 
@@ -19,13 +19,14 @@ Array = NDArray[np.float64]
 class MotionFunction:
     """Displacements of all nodes as a function of those of the moving nodes, with its derivatives at any argument.
 
-    Each new argument is a trial of the session; nothing is committed. A derivative is asked at the trial of its
-    argument, which is made again if the session is elsewhere by then. Threads take turns: JAX calls from its own.
+    Each new argument is a trial of the session; nothing is committed. A derivative is computed at the trial of its
+    argument; if the session has another trial by then, the trial is made again. Threads take turns, because JAX calls
+    from its own threads.
 
     Parameters
     ----------
     session : Session
-        Of one partition, with derivatives.
+        A session of one partition, with derivatives.
 
     Raises
     ------
@@ -65,13 +66,13 @@ class MotionFunction:
             return self._at(displacement).cotangent(weights)
 
     def _at(self, displacement: Array) -> Moved:
-        """The trial of these displacements: the latest, if it is theirs and the session is still there."""
+        """Return the trial of these displacements: the latest trial if it has them and still exists, else a new one."""
         if self._latest is not None and np.array_equal(displacement, self._latest[0]):
             moved = self._latest[1]
             try:
                 self.session.state_of(moved.step, moved.iteration)
             except SessionError:
-                pass  # made again
+                pass  # the trial is made again below
             else:
                 return moved
         self._latest = None

@@ -1,4 +1,4 @@
-"""The reply to a Move, as a user meets it: with its mesh, so that it can be drawn."""
+"""The reply to a Move, as users of the client get it: with its mesh, so that it can be drawn."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Moved"]
 
-#: How many faces a cell of each type has, in the order in which their swept volumes come.
+#: Number of faces of each cell type, in the order of their swept volumes.
 FACES_OF = {"line": 2, "triangle": 3, "quad": 4, "tetra": 4, "hexahedron": 6, "wedge": 5, "pyramid": 5}
 
 
@@ -32,14 +32,14 @@ class Moved(Described, messages.Moved):
     Attributes
     ----------
     displacement : (n, d) array, mesh length unit
-        Of all nodes of the partition, in the frame of the move.
+        Displacement of all nodes of the partition, in the frame of the move.
     quality : PredictedQuality
     mesh : Mesh or None
         None in a session that was resumed.
     velocity : (n, d) array or None
-        Of all nodes of the partition, mesh length unit per second, where it was asked for.
+        Velocity of all nodes of the partition, mesh length unit per second, if it was requested.
     swept : (f,) array or None
-        The volume that each face sweeps in this step, where it was asked for.
+        The volume that each face sweeps in this step, if it was requested.
     is_total : bool
         Whether displacements count from the reference mesh.
     session : Session or None
@@ -52,7 +52,7 @@ class Moved(Described, messages.Moved):
     session: Session | None = None
 
     def description(self) -> list[str]:
-        """Where it stands, its quality, how far it went, what it warns of."""
+        """The step, the quality, the largest displacement, and the warnings."""
         quality, kind = self.quality, self.correction.get("method", "none")
         plain, kept = quality["standard"]["metric"]["min"], quality["corrected"]["metric"]["min"]
         corrected = f", {plain:.3f} without the correction {kind!r}" if kind != "none" else ", not corrected"
@@ -73,7 +73,7 @@ class Moved(Described, messages.Moved):
         Raises
         ------
         InvalidInput
-            If the move has not asked for the report "swept" of all faces, or in a session that was resumed.
+            If the move did not request the report "swept" of all faces, or if the session was resumed.
         """
         cells = (
             {} if self.mesh is None else {name: self.mesh.cells[name] for name in FACES_OF if name in self.mesh.cells}
@@ -89,7 +89,7 @@ class Moved(Described, messages.Moved):
         return {name: part.reshape(shape) for (name, shape), part in zip(counts.items(), parts, strict=True)}
 
     def tangent(self, velocity: ArrayLike, *, timeout: float | None = None) -> NDArray[np.float64]:
-        """J v at this trial, or once it is committed: see :meth:`.session.Session.tangent`.
+        """J v at this trial, before or after its commit: see :meth:`.session.Session.tangent`.
 
         Raises
         ------
@@ -100,7 +100,7 @@ class Moved(Described, messages.Moved):
         return session.tangent(velocity, session.state_of(self.step, self.iteration), timeout=timeout)
 
     def cotangent(self, weights: ArrayLike, *, timeout: float | None = None) -> NDArray[np.float64]:
-        """Jᵀ w at this trial, or once it is committed: see :meth:`.session.Session.cotangent`.
+        """Jᵀ w at this trial, before or after its commit: see :meth:`.session.Session.cotangent`.
 
         Raises
         ------
@@ -116,7 +116,7 @@ class Moved(Described, messages.Moved):
         return self.session
 
     def plot(self) -> Any:
-        """A picture of the moved mesh with its worst cells. See :func:`.display.draw`.
+        """Draw the moved mesh with its worst cells. See :func:`.display.draw`.
 
         Raises
         ------
@@ -128,7 +128,7 @@ class Moved(Described, messages.Moved):
         return draw(mesh, mesh.points + self.displacement, f"step {self.step}, {title}", worst)
 
     def to_pyvista(self) -> Any:
-        """``pyvista.UnstructuredGrid`` of the moved mesh, with the point array ``displacement`` (n, 3).
+        """Return a ``pyvista.UnstructuredGrid`` of the moved mesh, with the point array ``displacement`` (n, 3).
 
         Raises
         ------
@@ -143,7 +143,7 @@ class Moved(Described, messages.Moved):
         return grid
 
     def _known_mesh(self) -> Mesh:
-        """The mesh, if its moved nodes are known."""
+        """Return the mesh, if its moved nodes are known."""
         if self.mesh is None or not self.is_total:
             raise InvalidInput(
                 "a picture needs the mesh, and displacements since the reference mesh",

@@ -1,4 +1,4 @@
-"""How a session comes to be open: its connections, its mesh, and what the server said when they met."""
+"""How a session is opened: its connections, its mesh, and the server's first answers."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ __all__ = ["OpenedSession"]
 
 
 class OpenedSession(Described):
-    """A session that is connected; :class:`.session.Session` has its attributes, and what is done with it."""
+    """A connected session; :class:`.session.Session` adds the attributes and the calls of users."""
 
     def __init__(
         self,
@@ -55,10 +55,10 @@ class OpenedSession(Described):
         self._timeout = timeout
         self._compute_timeout = compute_timeout
         self._closed = False
-        self._committed = 0, 0  # the step, and the iteration of it
+        self._committed = 0, 0  # the step, and its iteration
 
     def join(self, endpoint: str, epoch: int) -> Joined:
-        """Connect to the worker; a session that is built is then ready for use."""
+        """Connect to the worker; a built session is then ready for use."""
         joined = self._courier.join(endpoint, epoch, self._timeout)
         self.dimension, self._courier.step, self._courier.iteration = joined.dimension, joined.step, joined.iteration
         self._evaluation, self.time = joined.evaluation, joined.time
@@ -68,7 +68,7 @@ class OpenedSession(Described):
             self._courier.may_resume = joined.partitions == 1
         if joined.patch_nodes is not None:
             ends = np.cumsum([count for _, count in joined.moving_patches], dtype=np.int64)
-            parts = np.split(self._in_mesh(joined.patch_nodes), ends)  # and an empty one
+            parts = np.split(self._in_mesh(joined.patch_nodes), ends)  # np.split adds an empty last part
             self._patches = {name: nodes for (name, _), nodes in zip(joined.moving_patches, parts, strict=False)}
         return joined
 
@@ -98,19 +98,19 @@ class OpenedSession(Described):
         return built
 
     def take(self, mesh: Mesh) -> None:
-        """Know the mesh of this partition, as it was opened with."""
+        """Store the mesh of this partition, with which the session is opened."""
         if self._evaluation == "client":
             self._own_cells = OwnCells(Volume(mesh), self._courier)
         self._mesh = mesh
         self._patches = {name: patch.nodes for name, patch in mesh.patches.items() if patch.role == "moving"}
 
     def take_again(self, mesh: Mesh) -> None:
-        """Know the mesh of a session that was opened before.
+        """Store the mesh of a session that was opened before.
 
         Raises
         ------
         InvalidInput
-            If it is another one.
+            If it is not the mesh of that session.
         """
         self.take(mesh)
         fetched = self._courier.deliver(Fetch(**self._address, what="reference"), Fetched, self._timeout)
@@ -123,22 +123,22 @@ class OpenedSession(Described):
         self.moving_nodes = self._in_mesh(self.moving_nodes)
 
     def leave(self) -> None:
-        """End the connections without a word to the server: another holder has the session, or this partition."""
+        """Close the connections without a message to the server: another holder has the session, or this partition."""
         self._closed = True
         self._courier.disconnect()
         self._control.close()
 
     def _in_mesh(self, nodes: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Nodes (k,) as numbered in the mesh, not in what was uploaded of it."""
+        """Return nodes (k,) in the numbering of the mesh, instead of that of the upload."""
         return nodes if self._own_cells is None else self._own_cells.volume.nodes[nodes]
 
     def _own_cells_if_here(self) -> OwnCells | None:
-        """The cells, where the client evaluates the volume.
+        """The cells, if the client evaluates the volume.
 
         Raises
         ------
         InvalidInput
-            If it must be known, and is not.
+            If the client evaluates the volume and the mesh is not known.
         """
         if self._evaluation == "client" and self._own_cells is None:
             raise InvalidInput(
@@ -149,7 +149,7 @@ class OpenedSession(Described):
 
     @property
     def _address(self) -> dict[str, Any]:
-        """Of the session's requests, while it is open."""
+        """Common fields of the session's requests; an error if the session is closed."""
         if self._closed:
             raise SessionError(
                 "the session is closed", hint="server.resume(session.credentials) takes a kept one up again"

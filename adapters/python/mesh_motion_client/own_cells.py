@@ -1,4 +1,4 @@
-"""The cells of a partition whose client evaluates the field: judged, and corrected where the server says so."""
+"""The cells of a partition whose client evaluates the field: the client judges them, and corrects them on request."""
 
 from __future__ import annotations
 
@@ -13,27 +13,27 @@ from mesh_motion_client.volume import Floats, Ints, Volume
 
 __all__ = ["OwnCells"]
 
-#: No node was corrected, and none sent.
+#: No node was corrected, and none was sent.
 _NOTHING = None, np.empty(0, dtype=np.int64)
 
 
 class OwnCells:
-    """What follows a MOVE, and a FETCH, of such a session.
+    """The further steps after a MOVE, and after a FETCH, in such a session.
 
     Parameters
     ----------
     courier : Courier
-        Repeats what was sent about a trial, where a worker's end has lost it.
+        Sends the requests of a trial again if the trial was lost with its worker.
     """
 
     def __init__(self, volume: Volume, courier: Courier) -> None:
         self.volume = volume
         self._courier = courier
-        # by step: of the trial, and of the committed state; with the global ids of the nodes that were sent for it
+        # by step, for the trial and the committed state; with the global ids of the nodes that were sent for it
         self._corrected: dict[int, tuple[Corrected | None, Ints]] = {}
 
     def take_trial(self, moved: Moved, seconds: float) -> dict[str, Any]:
-        """Move the nodes, judge the cells, correct them where the server says so; what changes of the answer."""
+        """Move the nodes, judge the cells, correct them on request; return the changed fields of the answer."""
         displacement, metric = self.volume.displacement(moved), moved.quality["metric"]
         self._corrected[moved.step] = _NOTHING
         judged = self._judged(moved.step, self.volume.judge(displacement, metric), seconds)
@@ -51,15 +51,18 @@ class OwnCells:
         }
 
     def keep(self, step: int) -> None:
-        """The trial is committed: its correction is that of the committed state."""
+        """After a commit: keep the trial's correction as that of the committed state."""
         self._corrected = {known: found for known, found in self._corrected.items() if known == step}
 
     def forget(self) -> None:
-        """Know no correction any more: the next :meth:`coordinates` asks for it, with all other partitions."""
+        """Forget all corrections: all partitions must make the next call of :meth:`coordinates` together."""
         self._corrected.clear()
 
     def coordinates(self, fetched: Fetched, seconds: float) -> Floats:
-        """(n, d) coordinates of all nodes; where they were corrected before a resume, with all other partitions."""
+        """(n, d) coordinates of all nodes.
+
+        If they were corrected before a resume, all partitions must call this together.
+        """
         if fetched.step not in self._corrected:
             self._corrected[fetched.step] = _NOTHING
             if fetched.region:
@@ -68,7 +71,7 @@ class OwnCells:
         return self.volume.coordinates(fetched, self._corrected[fetched.step][0] if fetched.region else None)
 
     def knows(self, step: int) -> bool:
-        """Whether it is known how a trial, or the committed state, was corrected."""
+        """Whether the correction of a trial, or of the committed state, is known."""
         return step in self._corrected
 
     def counted(self, weights: Floats, step: int) -> dict[str, Floats | Ints]:
@@ -76,7 +79,7 @@ class OwnCells:
         return self.volume.counted(weights, self._corrected[step][1])
 
     def _judged(self, step: int, fields: Callable[[list[dict[str, Any]]], dict[str, Any]], seconds: float) -> Judged:
-        """Send the quality of this partition's cells, until the server asks for nothing more."""
+        """Send the quality of this partition's cells until the server asks no more questions."""
         questions: list[dict[str, Any]] = []
         while True:
             judge = Judge(**self._courier.address, step=step, **fields(questions))
@@ -94,7 +97,10 @@ class OwnCells:
         what: Literal["trial", "committed"],
         seconds: float,
     ) -> tuple[Corrected, Ints]:
-        """Send the bad cells and those about them until the server has corrected them; with the nodes sent last."""
+        """Send the bad cells and their neighbours until the server has corrected them.
+
+        Return the server's reply and the nodes that were sent last.
+        """
         around = np.empty(0, dtype=np.int64)
         while True:
             fields = self.volume.region(reply, region, around)

@@ -1,4 +1,4 @@
-"""The picture of a mesh with matplotlib; imported when the first one is drawn."""
+"""A picture of the mesh with matplotlib; this module is imported when the first picture is drawn."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Ints = NDArray[np.integer]
 
 
 class Picture(Figure):
-    """A figure that a notebook shows once, whichever backend matplotlib has."""
+    """A figure that a notebook shows once, with any backend of matplotlib."""
 
     def _repr_png_(self) -> bytes:
         file = io.BytesIO()
@@ -28,11 +28,11 @@ class Picture(Figure):
 
 
 def picture(points: Floats, facets: Sequence[Ints], far: Floats, places: Floats, title: str) -> Picture:
-    """Facets at these coordinates (n, d), each coloured by how far (f,) it has moved, with marks at places (k, d)."""
+    """Draw facets at coordinates (n, d), coloured by displacements (f,), with marks at places (k, d)."""
     flat = points.shape[1] == 2
     seen = np.concatenate([*(points[facet] for facet in facets), places])
     low, high = seen.min(axis=0), seen.max(axis=0)
-    margin = 0.02 * (high - low).max()  # a patch may be flat
+    margin = 0.02 * (high - low).max()  # the points of a patch may lie in one plane
     low, high = low - margin, high + margin
     height = 1.5 + 7.0 * min(1.0, float((high - low)[1] / (high - low)[0])) if flat else 4.5
     figure = Picture(figsize=(8.0, height), layout="constrained")

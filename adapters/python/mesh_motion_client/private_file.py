@@ -1,4 +1,4 @@
-"""A small file that only its owner may read, written whole or not at all."""
+"""A small file that only its owner may read; it is written completely or not at all."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ __all__ = ["write_private"]
 
 
 def write_private(path: str | os.PathLike[str], text: str) -> None:
-    """Replace a file in one piece by one of mode 0600.
+    """Replace a file as a whole by one of mode 0600.
 
     Parameters
     ----------
     path : path
     text : str
-        ASCII; a line's end is added.
+        ASCII; a newline is added.
 
     Raises
     ------
@@ -23,7 +23,7 @@ def write_private(path: str | os.PathLike[str], text: str) -> None:
     """
     target = Path(path)
     part = target.with_name(target.name + ".part")
-    part.unlink(missing_ok=True)  # what is left of an earlier try has a mode and an owner of its own
+    part.unlink(missing_ok=True)  # a file left by an earlier try may have another mode and owner
     with open(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w", encoding="ascii") as file:
         file.write(text + "\n")
     part.replace(target)

@@ -1,4 +1,4 @@
-"""Memory that is offered for the arrays of replies, and used again when its arrays are gone."""
+"""Memory that is offered for the arrays of replies, and reused when those arrays are deleted."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from mesh_motion_protocol.shared_memory import SharedMemory, is_large
 
 __all__ = ["ReplyMemory"]
 
-#: Who keeps the arrays of more replies gets the next ones through the socket.
+#: Largest number of memories: users who keep the arrays of more replies get further replies through the socket.
 _MOST = 4
 
 
 class ReplyMemory:
-    """What one session offers.
+    """The memory that one session offers.
 
-    The first reply shows how much is needed. Memory whose request was not answered is not given back: a worker that was
-    given up may still write to it.
+    The first reply shows how many bytes are needed. The memory of an unanswered request is not used again: a worker
+    that was given up may still write to it.
     """
 
     def __init__(self) -> None:
@@ -26,7 +26,7 @@ class ReplyMemory:
         self._nbytes = 0
 
     def take(self) -> SharedMemory | None:
-        """Memory for the next reply; None: offer nothing."""
+        """Return memory for the next reply; None: offer no memory."""
         if not self._nbytes:
             return None
         for memory in self._all:
@@ -39,7 +39,7 @@ class ReplyMemory:
         return None
 
     def give_back(self, memory: SharedMemory | None, reply: Message) -> None:
-        """A request was answered, with this memory offered for its arrays."""
+        """Take back the memory that was offered with an answered request."""
         arrays = [value for value in vars(reply).values() if isinstance(value, np.ndarray) and is_large(value)]
         self._nbytes = sum(array.nbytes for array in arrays)
         if memory is not None:

@@ -1,4 +1,4 @@
-"""The way in: connect to a server, or start a private one, and open sessions on it."""
+"""The entry to the client: connect to a server, or start a private one, and open sessions on it."""
 
 from __future__ import annotations
 
@@ -38,9 +38,9 @@ from mesh_motion_client.settings import Settings
 __all__ = ["Server", "connect"]
 
 AGENT = f"mesh_motion_client {__version__}"
-#: A worker that falls while the mesh is uploaded leaves nothing to resume: the session is opened again so often.
+#: Number of times that a session is opened again: if its worker dies during the upload, there is nothing to resume.
 _OPEN_ATTEMPTS = 3
-#: A server's first session waits until a worker has started, which takes long where the machine is busy.
+#: Seconds for a server's first session, which waits for the start of a worker: long on a busy machine.
 _COLD_START_SECONDS = 300.0
 
 
@@ -102,28 +102,28 @@ class Server(Described):
         mesh : Mesh
             With several partitions: this partition's part, with ``global_ids``.
         settings : Settings, optional
-            Keys of the case file's ``[method]``; what is left out has its default.
+            Keys of the case file's ``[method]``; keys that are left out have their defaults.
         partitions, partition : int
-            How many partitions the session has, and which this one is.
+            Number of partitions of the session, and the number of this one.
         label : str
             Shown in logs and lists.
         durability : {"full", "replay", "relaxed", ""}, optional
-            What a commit waits for; "" is the server's default, None what :func:`connect` was given. "full" and
-            "replay" lose nothing that was committed; "relaxed" may lose the steps behind ``session.durable_step``,
-            and says so by :class:`~.errors.StepsLost`.
+            The condition that a commit waits for. "": the server's default; None: the value given to :func:`connect`.
+            "full" and "replay" lose nothing that was committed; "relaxed" may lose the steps behind
+            ``session.durable_step``, and says so by :class:`~.errors.StepsLost`.
         evaluation : {"server", "client"}
             Who moves and judges the nodes of the volume. "client": only the boundary is uploaded, and this process
             evaluates the field that each move answers; it needs ``mesh-motion-server[server]`` here.
         time : float
-            Of the mesh as it is uploaded, seconds: when the run starts.
+            Time of the uploaded mesh, seconds: the start of the run.
         time_levels : {"", "bdf2", "bossak"}
-            The scheme whose earlier levels each commit stores, so that moves can be answered by its velocities: the
-            positions before, or velocities and accelerations. Each commit then writes twice or three times as much.
+            The scheme for which each commit stores earlier time levels (positions, or velocities and accelerations), so
+            that moves can return its velocities. Each commit then writes twice or three times as much.
         show_progress : bool
-            Show how much of the mesh is sent, and when it is built, as :func:`.display.progress` does.
+            Show the progress of the upload and of the build, with :func:`.display.progress`.
         announce : callable, optional
-            Called with the credentials before the upload: with several partitions, hand them to the others, who call
-            :meth:`join`; the upload ends when all have sent their part.
+            Called with the credentials before the upload. With several partitions, give them to the other processes,
+            which call :meth:`join`; the upload ends when all have sent their parts.
 
         Raises
         ------
@@ -150,7 +150,7 @@ class Server(Described):
                     time_levels=time_levels,
                 )
             except (Unavailable, SessionError) as error:
-                # NOT_FOUND of what was just opened: the server was started again before it was built
+                # NOT_FOUND of the session just opened: the server was restarted before the session was built
                 gone = isinstance(error, Unavailable) or error.code == "NOT_FOUND"
                 if attempts <= 0 or not gone:
                     raise
@@ -184,9 +184,9 @@ class Server(Described):
         return session
 
     def join(self, credentials: Credentials, mesh: Mesh | None = None, *, partition: int) -> Session:
-        """Join a session that another partition opened or resumed; with ``mesh``, upload this partition's part.
+        """Join a session that another partition opened or resumed; with ``mesh``, upload the part of this partition.
 
-        A session that is built needs no mesh, except one whose volume the client evaluates.
+        A built session needs no mesh, unless the client evaluates its volume.
         """
         deadline = time.monotonic() + self._timeout
         fields = {"session": credentials.session, "token": credentials.token}
@@ -209,9 +209,9 @@ class Server(Described):
         return session
 
     def resume(self, credentials: Credentials, mesh: Mesh | None = None, *, partition: int = 0) -> Session:
-        """Take a session up again at its last committed step; earlier holders are fenced off.
+        """Resume a session at its last committed step; earlier holders are fenced off.
 
-        ``mesh`` is that of the partition as it was opened: needed where the client evaluates the volume.
+        ``mesh``: the partition's mesh from the opening of the session; needed if the client evaluates the volume.
         """
         fields = {"session": credentials.session, "token": credentials.token}
         resumed = self._connected.ask(Resume, Resumed, self._compute_timeout, **fields)
@@ -224,7 +224,7 @@ class Server(Described):
         return session
 
     def sessions(self) -> list[dict[str, Any]]:
-        """All sessions of the server: session, label, state, step, partitions, worker."""
+        """List all sessions of the server: session, label, state, step, partitions, worker."""
         found: list[dict[str, Any]] = []
         more, after = True, ""
         while more:
@@ -234,7 +234,7 @@ class Server(Described):
         return found
 
     def description(self) -> list[str]:
-        """Where it is, what it is, and whether it is private or closed."""
+        """The endpoint, the server's version, and whether the server is private or the connection closed."""
         kind = "closed" if self._closed else "private" if self._embedded else "connected"
         version = ".".join(map(str, self.welcome.version))
         return [
@@ -258,13 +258,13 @@ class Server(Described):
 
     @property
     def _connected(self) -> Control:
-        """What is asked, while it is open: no call waits for the answer of a server that was closed here."""
+        """The control connection; an error after :meth:`close`, so that no call waits for a closed server."""
         if self._closed:
             raise Unavailable("the connection to the server is closed", hint="connect again")
         return self._control
 
     def _session(self, credentials: Credentials, partition: int) -> Session:
-        """With a control connection of its own, so that each session may live in its own thread."""
+        """Make a session with its own control connection, so that each session may be used in its own thread."""
         return Session(
             Control(self.endpoint, self._keys),
             credentials,
@@ -312,18 +312,18 @@ def connect(
     endpoint : str, optional
         ``tcp://HOST:PORT`` or ``ipc:///path``. None starts a private server that ends with this process.
     timeout : float
-        Seconds for what takes no computing.
+        Seconds for requests without computation.
     compute_timeout : float
-        Seconds for what does: build, move, commit, resume.
+        Seconds for requests with computation: build, move, commit, resume.
     state : path, optional
-        For a private server: where it stores its sessions; None: nowhere lasting.
+        For a private server: the folder of its sessions; None: a temporary folder.
     server_options : sequence of str
         For a private server: further options of ``mesh-motion serve``.
     keys : Keys, optional
-        For a server that asks for them; None: those that the environment names, if it names any. A private server needs
-        none.
+        Keys for a server that requires them; None: the keys named in the environment, if any. A private server needs no
+        keys.
     durability : {"full", "replay", "relaxed", ""}
-        Of the sessions opened here, see :meth:`Server.open`; "": the server's default.
+        Durability of the sessions opened on this connection, see :meth:`Server.open`; "": the server's default.
 
     Raises
     ------
@@ -348,7 +348,7 @@ def connect(
 
 @contextlib.contextmanager
 def _closing_on_error(session: Session, outcome: Any) -> Any:
-    """A session that could not be made ready leaves nothing open."""
+    """Close a session that could not be made ready."""
     try:
         yield
     except BaseException:

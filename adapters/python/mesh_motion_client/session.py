@@ -1,4 +1,4 @@
-"""A session: move, commit, rollback, and where its nodes are."""
+"""A session: move, commit, roll back, and read the node coordinates."""
 
 from __future__ import annotations
 
@@ -40,10 +40,10 @@ from mesh_motion_client.own_cells import OwnCells
 
 __all__ = ["Frame", "HeadroomAlong", "Report", "Scheme", "Session"]
 
-#: Settings that a description names.
+#: Settings that :meth:`Session.description` names.
 _SHOWN = ("support_radius", "correction", "quality_threshold", "displacement")
 
-#: Of computing, in seconds: about 30 years.
+#: Largest limit on computing time, in seconds: about 30 years.
 _LONGEST_LIMIT = 1e9
 
 _Found = TypeVar("_Found")
@@ -60,27 +60,27 @@ class Session(OpenedSession):
     Attributes
     ----------
     credentials : Credentials
-        What resumes the session from elsewhere: save it.
+        They resume the session from another process: save them.
     partition : int
     step : int
         The last committed step.
     durable_step : int
-        The step that no crash and no power loss takes the session back behind, as the last commit reported it: with
-        durability "relaxed" it follows :attr:`step` at a distance. :meth:`status` has the newest.
+        The last step that survives a crash or a power loss, as the last commit reported it. With durability "relaxed"
+        it may be earlier than :attr:`step`. :meth:`status` has the current value.
     iteration : int
-        Moves of the step under way, 0 = none.
+        Number of moves of the current step so far, 0 = none.
     moving_nodes : (k,) int array
         The nodes whose displacement every move gives, ascending.
     settings : Settings
         The settings in force, as BUILT reported them; empty in a session that was resumed.
     mesh_report : dict
-        What BUILT said of the mesh; empty in a session that was resumed.
+        The mesh report of BUILT; empty in a session that was resumed.
     quality : QualitySummary or None
-        Of the mesh as it was uploaded; None in a session that was resumed.
+        Quality of the uploaded mesh; None in a session that was resumed.
     derivatives : bool or None
-        Whether :meth:`tangent` and :meth:`cotangent` are answered; None in a session that was resumed.
+        Whether the session has :meth:`tangent` and :meth:`cotangent`; None in a session that was resumed.
     time : float or None
-        Of the last committed step, seconds; None if it is not known.
+        Time of the last committed step, seconds; None if it is not known.
     """
 
     @property
@@ -90,7 +90,7 @@ class Session(OpenedSession):
 
     @property
     def iteration(self) -> int:
-        """Moves of the step under way, 0 = none."""
+        """Number of moves of the current step so far, 0 = none."""
         return self._courier.iteration
 
     # --- the verbs ---------------------------------------------------------------------------------------------------
@@ -116,45 +116,46 @@ class Session(OpenedSession):
         displacements : (k, d) array, mesh length unit, or dict
             In the order of :attr:`moving_nodes`; or patch name → (p, d) array in the order of the patch's nodes.
         frame : {"reference", "committed"}
-            What the displacements count from: the reference mesh for totals, which structural codes have, or the
-            committed state for increments.
+            Start of the displacements: the reference mesh for totals, as structural codes have them, or the committed
+            state for increments.
         report : {"", "faces", "headroom", "swept"}
-            "faces": add what a finite-volume code sees, ``faces["before"]`` and ``faces["after"]`` of the reply;
-            it takes time, ask once a step. "headroom", and with "faces" too: how many more such steps the mesh admits,
-            until a cell inverts and until the threshold, ``headroom`` of the reply. "swept": the volume that each face
-            sweeps in this step, ``swept`` of the reply and :meth:`.moved.Moved.swept_of_cells`.
+            "faces": add the face quality of a finite-volume code, ``faces["before"]`` and ``faces["after"]`` of the
+            reply; it takes time, so request it once a step. "headroom", and with "faces" too: how many more such steps
+            the mesh admits until a cell inverts and until the threshold, in ``headroom`` of the reply. "swept": the
+            volume that each face sweeps in this step, ``swept`` of the reply and :meth:`.moved.Moved.swept_of_cells`.
         headroom_along : {"step", "displacement", "velocity"}
-            What the headroom counts, every node going on so: such steps; multiples of the whole displacement since the
-            reference mesh; or seconds of ``velocity``.
+            The unit of the headroom, if every node continues its motion: such steps; multiples of the whole
+            displacement since the reference mesh; or seconds of ``velocity``.
         time : float, optional
-            Of the step: at its end, seconds. Later than :attr:`time`.
+            Time at the end of the step, seconds; later than :attr:`time`.
         velocity : {"", "tangent", "bdf1", "bdf2", "bossak"}
-            Scheme of the nodes' velocities in ``velocity`` of the reply; "bdf2" and "bossak" in a session that was
-            opened with this as its ``time_levels``.
+            Scheme of the nodes' velocities in ``velocity`` of the reply; "bdf2" and "bossak" need a session that was
+            opened with the same ``time_levels``.
         boundary_velocity : (k, d) array or dict, optional
-            With "tangent", and only with it: the velocities of the moving nodes, given as the displacements are.
+            Only with "tangent": the velocities of the moving nodes, in the form of the displacements.
         swept_faces : (f, k) integer array, optional
-            With "swept": the nodes of each face, in space anticlockwise as seen from where its normal points to, filled
-            up with -1; of an edge in a plane the normal is on its right. By default all faces of the cells, outwards.
+            With "swept": the nodes of each face, filled up with -1. In 3D they are anticlockwise as seen from the side
+            to which the normal points; in 2D the normal is on the right of the edge. By default all faces of the cells,
+            with outward normals.
         compute_limit : float
-            Seconds after which the server gives up computing; 0: never. Without it the server goes on where ``timeout``
-            ends this call, and repeating the call gets the answer.
+            Seconds after which the server gives up computing; 0: never. Without a limit the server goes on computing
+            after ``timeout`` has ended this call, and the repeated call gets the answer.
         timeout : float, optional
             Seconds for this call.
 
         Returns
         -------
         Moved
-            ``displacement`` (n, d) in ``frame``, ``quality``, ``correction``, ``warnings``, ``seconds``, …; where asked
-            for, ``velocity`` (n, d) and ``swept`` (f,).
+            ``displacement`` (n, d) in ``frame``, ``quality``, ``correction``, ``warnings``, ``seconds``, …; if
+            requested, ``velocity`` (n, d) and ``swept`` (f,).
 
         Raises
         ------
         QualityRefused
-            If no acceptable mesh was found; the session is as before, except that an earlier trial is lost where the
-            client evaluates the volume.
+            If no acceptable mesh was found; the session is unchanged, but an earlier trial is lost if the client
+            evaluates the volume.
         InvalidInput, SessionError, Unavailable, Timeout
-            Timeout too if the server gave up. SessionError too if a time level or a derivative is missing.
+            Timeout also if the server gave up; SessionError also if a time level or a derivative is missing.
         """
         if not 0.0 <= compute_limit <= _LONGEST_LIMIT:
             raise InvalidInput(f"compute_limit: expected 0 to {_LONGEST_LIMIT:g} s, got {compute_limit!r}")
@@ -195,23 +196,24 @@ class Session(OpenedSession):
         Parameters
         ----------
         velocity : (k, d) or (c, k, d) array
-            Of the moving nodes (:attr:`moving_nodes`), in any unit of length per anything; c vectors at once.
+            Velocities of the moving nodes (:attr:`moving_nodes`), in a unit of length per any parameter; or c vectors
+            at once.
         what : {"trial", "committed"}, optional
-            The state at which the motion is differentiated; by default the open trial if there is one.
+            The state at which the motion is differentiated; by default the open trial, if any.
         timeout : float, optional
             Seconds for this call.
 
         Returns
         -------
         (n, d) or (c, n, d) array
-            Of this partition's nodes.
+            Velocities of this partition's nodes.
 
         Raises
         ------
         InvalidInput
             If a shape is wrong, or the method has no derivative (:attr:`derivatives`): the message names the key.
         SessionError
-            If this mesh was corrected by another correction than the smooth one.
+            If this mesh was corrected, but not by the smooth correction.
         """
         rows, many = self._columns(velocity, len(self.moving_nodes), "velocity")
         seconds, own = timeout or self._compute_timeout, self._own_cells_if_here()
@@ -228,19 +230,20 @@ class Session(OpenedSession):
     ) -> NDArray[np.float64]:
         """Jᵀ w: the derivative of Σ w · x, x the nodes' positions, by the positions of the moving nodes.
 
-        Collective over partitions. What several of them give to one node is added, and each gets the whole derivative.
+        Collective over partitions. The weights that several partitions give to one node are added, and each partition
+        gets the whole derivative.
 
         Parameters
         ----------
         weights : (n, d) or (c, n, d) array
-            Of this partition's nodes: the derivative of an objective by their positions; c of them at once.
+            Derivative of an objective by the positions of this partition's nodes; or c derivatives at once.
         what, timeout
-            As for :meth:`tangent`.
+            The same as for :meth:`tangent`.
 
         Returns
         -------
         (k, d) or (c, k, d) array
-            Of the moving nodes (:attr:`moving_nodes`).
+            Derivative by the positions of the moving nodes (:attr:`moving_nodes`).
 
         Raises
         ------
@@ -264,7 +267,7 @@ class Session(OpenedSession):
         own: OwnCells | None,
         seconds: float,
     ) -> _Found:
-        """What is found at a state; where the volume is here, its correction is known on both sides first."""
+        """Get a result at a state; if the client has the volume, both sides first get the correction of that state."""
         state = what or self._latest_state
         if own is not None and state == "committed" and not own.knows(self.step):
             self.points(timeout=seconds)
@@ -273,17 +276,17 @@ class Session(OpenedSession):
         except SessionError as error:
             if own is None or state == "trial" or error.details.get("missing") != "region":
                 raise
-        own.forget()  # the server was started again, and all partitions get this answer
+        own.forget()  # the server was restarted, and all partitions get this answer
         self.points(timeout=seconds)
         return ask(state)
 
     def state_of(self, step: int, iteration: int) -> Literal["trial", "committed"]:
-        """Where the trial of a step's iteration is now.
+        """Return where the trial of this step and iteration is now: "trial" or "committed".
 
         Raises
         ------
         SessionError
-            If it was replaced or dropped, or a later step is committed.
+            If the trial was replaced or dropped, or a later step is committed.
         """
         if (self.step + 1, self.iteration) == (step, iteration):
             return "trial"
@@ -299,7 +302,7 @@ class Session(OpenedSession):
         return "trial" if self.iteration else "committed"
 
     def _columns(self, values: ArrayLike, count: int | None, name: str) -> tuple[NDArray[np.float64], bool]:
-        """(m, c d) rows of a vector (m, d) or of c of them (c, m, d), and whether it is the latter."""
+        """Return (m, c d) rows of one vector (m, d) or of c vectors (c, m, d), and whether there were c vectors."""
         given = real_numbers(values, name)
         many, d = given.ndim == 3, self.dimension
         if given.ndim not in (2, 3) or given.shape[-1] != d or (count is not None and given.shape[-2] != count):
@@ -313,21 +316,21 @@ class Session(OpenedSession):
         return np.ascontiguousarray(found) if many else found[0]
 
     def commit(self, *, time: float | None = None, final_step: int = 0, timeout: float | None = None) -> Committed:
-        """Make the trial the committed state; it is durable up to :attr:`durable_step` when this returns.
+        """Make the trial the committed state; when this returns, the session is durable up to :attr:`durable_step`.
 
         Parameters
         ----------
         time : float, optional
-            Of the step, seconds; by default that of its last move, if that had one.
+            Time of the step, seconds; by default the time of its last move, if any.
         final_step : int
-            The step that the run ends with, as far as it is known now: who watches the session then sees when it ends.
+            The last step of the run, if it is known: the monitor then shows when the run ends.
         timeout : float, optional
             Seconds for this call.
 
         Raises
         ------
         StepsLost
-            With durability "relaxed", as any call: the server crashed, and committed steps with it.
+            With durability "relaxed", possible in every call: the server crashed, and committed steps are lost.
         """
         of_move = next((request.time for request in self._courier.trial if isinstance(request, Move)), None)
         commit = Commit(**self._address, step=self.step + 1, time=time, final_step=final_step)
@@ -346,9 +349,9 @@ class Session(OpenedSession):
         self._courier.iteration, self._courier.trial = 0, ()
 
     def forget_correction(self) -> None:
-        """Have the next :meth:`points` ask for the correction of the committed state, as after a resume.
+        """Let the next :meth:`points` ask for the correction of the committed state, as after a resume.
 
-        It is a call of all partitions then. For a rank next to one that has joined the session again.
+        All partitions must then call it. Used when another rank has joined the session again.
         """
         if self._own_cells is not None:
             self._own_cells.forget()
@@ -360,11 +363,11 @@ class Session(OpenedSession):
         return fetched.points if own is None else own.coordinates(fetched, timeout or self._compute_timeout)
 
     def status(self, *, timeout: float | None = None) -> StatusReport:
-        """Where the session stands: state, step, iteration, counters."""
+        """Ask the server for the session's state, step, iteration and counters."""
         return self._courier.deliver(Status(**self._address), StatusReport, timeout or self._timeout)
 
     def description(self) -> list[str]:
-        """Where it stands, its mesh, and its settings."""
+        """The session's state, its mesh, and its settings."""
         settings = ", ".join(f"{name} {value}" for name, value in self.settings.items() if name in _SHOWN)
         state = "closed" if self._closed else f"iteration {self.iteration}" if self.iteration else "no trial"
         return [
@@ -375,7 +378,7 @@ class Session(OpenedSession):
         ]
 
     def plot(self) -> Any:
-        """A picture of the committed mesh. See :func:`.display.draw`.
+        """Draw the committed mesh. See :func:`.display.draw`.
 
         Raises
         ------
@@ -387,7 +390,7 @@ class Session(OpenedSession):
         return draw(self._mesh, self.points(), f"step {self.step}")
 
     def close(self, outcome: Literal["keep", "discard"] = "keep") -> None:
-        """End this use. ``keep`` leaves the session resumable, ``discard`` deletes it. Idempotent."""
+        """End the use of the session. ``keep`` leaves it resumable, ``discard`` deletes it. Idempotent."""
         if self._closed:
             return
         self._closed = True
@@ -395,7 +398,7 @@ class Session(OpenedSession):
             if self.dimension:
                 self._courier.deliver(Close(**self._courier.address, outcome=outcome), Closed, self._timeout)
         except SessionError as error:
-            if error.code != "ABORTED.FENCED":  # another holder has it, nothing of it is ours to end
+            if error.code != "ABORTED.FENCED":  # another holder has the session, so this one must not end it
                 raise
         finally:
             self.leave()

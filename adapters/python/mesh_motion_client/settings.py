@@ -1,6 +1,7 @@
 """The settings of a session as types: an editor completes the keys, a type checker finds a wrong one.
 
-The keys are those of the case file's ``[method]``; docs/method.md says what each means. A test compares them with it.
+The keys are those of the case file's ``[method]``; docs/method.md describes each key. A test compares the keys with
+that page.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ __all__ = ["Settings"]
 
 
 class Settings(TypedDict, total=False):
-    """Settings of a session; what is left out, or None, is chosen by the server. Lengths are in the mesh's unit."""
+    """Settings of a session; the server chooses each key that is left out or None. Lengths are in the mesh's unit."""
 
     basis: Literal[
         "wendland-c0", "wendland-c2", "wendland-c4", "wendland-c6", "ctps-c0", "ctps-c1", "ctps-c2a", "ctps-c2b",

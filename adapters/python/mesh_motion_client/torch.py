@@ -37,7 +37,8 @@ class Motion:
     Parameters
     ----------
     session : Session
-        Of one partition, with derivatives. Each new argument is a trial of it; nothing is committed.
+        A session of one partition, with derivatives. Each new argument is a trial of this session; nothing is
+        committed.
 
     Raises
     ------
@@ -94,5 +95,5 @@ def _array(tensor: torch.Tensor) -> Array:
 
 
 def _like(tensor: torch.Tensor, array: Array) -> torch.Tensor:
-    """A tensor of its own, on the device of another."""
+    """Make a new tensor on the device of another tensor."""
     return torch.tensor(array, device=tensor.device)

@@ -1,7 +1,7 @@
-"""The volume of a mesh where the client evaluates the field: the server has the boundary only.
+"""The volume of a mesh whose field the client evaluates: the server has the boundary only.
 
-It moves nodes and judges cells with the server's numerics. They are imported when the first such session is opened
-(``pip install 'mesh-motion-client[ranks]'``); no other part of the client needs them.
+The client moves nodes and judges cells with the server's numerics, which are imported when the first such session is
+opened (``pip install 'mesh-motion-client[ranks]'``); no other part of the client needs them.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ Ints = NDArray[np.int64]
 
 
 class Volume:
-    """The nodes and cells of a partition, as a rank holds them."""
+    """The nodes and cells of a partition, as one rank holds them."""
 
     def __init__(self, mesh: Mesh) -> None:
         try:
@@ -44,16 +44,16 @@ class Volume:
 
     @property
     def nodes(self) -> Ints:
-        """(b,) nodes that are uploaded, in this order."""
+        """(b,) nodes that are uploaded, in the order of the upload."""
         return np.asarray(self._rank.nodes)
 
     @property
     def field_known(self) -> bool:
-        """Whether a MOVED may leave out all of the field but its coefficients."""
+        """Whether a MOVED may contain only the coefficients of the field."""
         return self._known is not None
 
     def parts(self, **at: Any) -> Iterator[Upload]:
-        """The UPLOADs of the boundary with its facets, and of the number of cells of each type."""
+        """Yield the UPLOADs of the boundary with its facets, and of the number of cells of each type."""
         mesh, nodes = self._mesh, self.nodes
         ids = nodes if mesh.global_ids is None else mesh.global_ids[nodes]
         patches = {name: Patch(patch.role, np.searchsorted(nodes, patch.nodes)) for name, patch in mesh.patches.items()}
@@ -64,7 +64,7 @@ class Volume:
             yield from uploads(rows, **at, item="facets", name=name)
 
     def near(self, wall: Floats, reach: float, **at: Any) -> Iterator[Upload]:
-        """The UPLOADs of further cells: those about the nodes within a reach of facets (f, d d) of moving walls."""
+        """Yield the UPLOADs of more cells: those around nodes within ``reach`` of facets (f, d d) of moving walls."""
         mesh, d = self._mesh, self._mesh.points.shape[1]
         nodes, cells = self._rank.near(wall.reshape(-1, d, d), reach)
         ids = nodes if mesh.global_ids is None else mesh.global_ids[nodes]
@@ -75,7 +75,7 @@ class Volume:
             yield from uploads(rows, **at, item="near_cells", name=name)
 
     def take_again(self, fetched: Fetched) -> bool:
-        """Know which nodes were uploaded; whether the coordinates (b, d) fetched of the reference mesh are theirs."""
+        """Store which nodes were uploaded; return whether the fetched reference coordinates (b, d) are theirs."""
         if fetched.nodes is not None:
             nodes, rows = self._here(fetched.nodes[len(self.nodes) :])
             self._rank.extend(nodes[np.argsort(rows)])
@@ -86,7 +86,7 @@ class Volume:
         return self._rank.displacement(self._field_of(moved), moved.displacement)
 
     def coordinates(self, fetched: Fetched, corrected: Corrected | None) -> Floats:
-        """(n, d) coordinates of all nodes, with the correction if there was one."""
+        """(n, d) coordinates of all nodes, with the correction, if any."""
         points = self._mesh.points
         found = points + self._rank.displacement(self._field_of(fetched), np.zeros((len(self.nodes), points.shape[1])))
         found[self.nodes] = fetched.points
@@ -132,18 +132,18 @@ class Volume:
         }
 
     def judge(self, displacement: Floats, metric: str) -> Callable[[list[dict[str, Any]]], dict[str, Any]]:
-        """Judge the cells with the nodes displaced by (n, d): gives JUDGE's fields for the questions asked."""
+        """Judge the cells with the nodes displaced by (n, d); return JUDGE's fields for the server's questions."""
         return self._rank.judge(displacement, metric)
 
     def region(self, reply: Moved | Fetched, extent: dict[str, Any], around: Ints) -> dict[str, Any]:
-        """CORRECT's fields: the cells that are sent after the motion of a MOVED, or before the correction of a FETCHED.
+        """Return CORRECT's fields: cells after the motion of a MOVED, or before the correction of a FETCHED.
 
         Parameters
         ----------
         extent : dict
             The ``region`` of a reply.
         around : (k,) int64 array
-            Global ids; those of other partitions do not count.
+            Global ids; nodes of other partitions are ignored.
         """
         known = reply.displacement if isinstance(reply, Moved) else reply.points - self._mesh.points[self.nodes]
         nodes, _ = self._here(around)
@@ -153,12 +153,12 @@ class Volume:
         return found
 
     def correct(self, displacement: Floats, corrected: Corrected) -> None:
-        """Put the freed nodes of this partition where the correction says, in a displacement (n, d) of all nodes."""
+        """Write the correction of this partition's freed nodes into a displacement (n, d) of all nodes."""
         nodes, rows = self._here(corrected.nodes)
         displacement[nodes] = corrected.displacement[rows]
 
     def _here(self, ids: Ints) -> tuple[Ints, Ints]:
-        """The nodes of this partition among those with global ids (k,), and their rows there."""
+        """The nodes of this partition among those with global ids (k,), and their rows in that array."""
         if self._order is None or self._mesh.global_ids is None:
             return ids, np.arange(len(ids))
         own = self._mesh.global_ids[self._order]
@@ -167,7 +167,7 @@ class Volume:
         return self._order[at[rows]], rows
 
     def _field_of(self, reply: Moved | Fetched) -> Any:
-        """The field of a reply; what does not change in a session may have come with an earlier one."""
+        """Return the field of a reply; its parts that are constant in a session may have come earlier."""
         if reply.sums or self._known is None:
             self._known = reply.sums, np.array(reply.centres), np.array(reply.boxes), np.array(reply.coefficients)
         return self._field_with(np.array(reply.coefficients))

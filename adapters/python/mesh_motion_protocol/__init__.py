@@ -10,5 +10,5 @@ packs frame 0, :mod:`.arrays` the frames behind it, :mod:`.codec` puts both toge
 """
 
 PROTOCOL_VERSION = (1, 0)
-#: Of this distribution and of the server, which are released together.
+#: Version of this distribution and of the server, which are released together.
 __version__ = "0.1.0"

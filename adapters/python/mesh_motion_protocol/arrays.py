@@ -1,8 +1,8 @@
 """Arrays as raw frames: little-endian, row by row, in chunks of :data:`.limits.FRAME_BYTES`.
 
 Raw frames instead of arrays inside msgpack: packing 100 MB took 0.007 ms instead of 233 ms. The dtype comes from a
-whitelist, never from ``np.dtype`` of a stranger's text, and received bytes are copied once into aligned memory, unless
-they lie in such memory already.
+whitelist, because ``np.dtype`` must not read text of an unknown sender. Received bytes are copied once into aligned
+memory, unless they lie in such memory already.
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ __all__ = ["Buffer", "array_of", "declaration_of", "frame_count", "frames_of", "
 
 Buffer = bytes | bytearray | memoryview
 
-#: Every dtype of the wire, and what a receiver makes of it.
+#: Every dtype of the wire, and the dtype that a receiver widens it to.
 _NATIVE: dict[str, type[Any]] = {"<f8": np.float64, "<f4": np.float64, "<i8": np.int64, "<i4": np.int64}
 _ITEM_BYTES = {"<f8": 8, "<f4": 4, "<i8": 8, "<i4": 4}
-#: Least bytes of a frame whose memory becomes its array's: ZeroMQ puts several small frames into one block.
+#: Smallest frame, in bytes, whose memory becomes its array's: ZeroMQ puts several smaller frames into one block.
 _ADOPTED_BYTES = 1 << 20
 
 
 def declaration_of(array: NDArray[Any], spec: ArraySpec) -> dict[str, Any]:
-    """What frame 0 says about an array: name, dtype, shape.
+    """Return the declaration of an array in frame 0: name, dtype, shape.
 
     Raises
     ------
@@ -47,7 +47,7 @@ def declaration_of(array: NDArray[Any], spec: ArraySpec) -> dict[str, Any]:
 
 
 def frames_of(array: NDArray[Any]) -> list[memoryview]:
-    """The array's bytes as chunks; views where it is contiguous and little-endian already, so leave it unchanged."""
+    """Yield chunks of the array's bytes: views, if possible, so do not change the array before they are sent."""
     little = np.ascontiguousarray(array, dtype=array.dtype.newbyteorder("<"))
     if not little.nbytes:
         return []
@@ -72,7 +72,7 @@ def nbytes_of(declared: dict[str, Any], spec: ArraySpec) -> int:
 
 
 def frame_count(nbytes: int) -> int:
-    """Frames that carry ``nbytes``."""
+    """Number of frames that carry ``nbytes``."""
     return -(-nbytes // FRAME_BYTES)
 
 
@@ -81,13 +81,13 @@ def array_of(
 ) -> NDArray[Any]:
     """Put an array together from its frames: aligned, writable, native, widened to 8 bytes an item or as ``spec`` says.
 
-    The memory of an only frame that is large, writable and aligned becomes the array's; all others are copied. An array
-    ``at`` a place of the shared ``memory`` stays there.
+    If there is only one frame, and its memory is large, writable and aligned, the array uses this memory; other frames
+    are copied. An array at a place ``at`` in the shared ``memory`` stays there.
 
     Raises
     ------
     ProtocolError
-        INVALID_ARGUMENT.FRAMES if a chunk has not exactly the size it must have; .HEADER for a wrong place.
+        INVALID_ARGUMENT.FRAMES if a chunk does not have exactly the expected size; .HEADER for a wrong place.
     """
     shape, dtype = declared["shape"], declared["dtype"]
     items = math.prod(shape)
@@ -107,7 +107,7 @@ def array_of(
 
 
 def _check_sizes(frames: Sequence[Buffer], nbytes: int, spec: ArraySpec) -> None:
-    """Every chunk is full, the last one has the rest."""
+    """Check that every chunk is full and that the last one has the remaining bytes."""
     for number, frame in enumerate(frames):
         size = min(FRAME_BYTES, nbytes - number * FRAME_BYTES)
         if memoryview(frame).nbytes != size:
@@ -115,7 +115,7 @@ def _check_sizes(frames: Sequence[Buffer], nbytes: int, spec: ArraySpec) -> None
 
 
 def _adopted(frames: Sequence[Buffer], dtype: str) -> NDArray[Any] | None:
-    """The only frame's memory as an array, where that is as good as a copy."""
+    """Use the memory of the only frame as the array, if it is large, writable and aligned; else return None."""
     if len(frames) != 1:
         return None
     view = memoryview(frames[0])
@@ -126,7 +126,7 @@ def _adopted(frames: Sequence[Buffer], dtype: str) -> NDArray[Any] | None:
 
 
 def _fill(raw: NDArray[Any], frames: Sequence[Buffer], dtype: str) -> None:
-    """Copy the frames into ``raw``, one after the other, each widened on the way: chunks end with a whole item."""
+    """Copy the frames into ``raw``, in order, and widen their items: every chunk ends with a whole item."""
     start = 0
     for frame in frames:
         part = np.frombuffer(frame, dtype=dtype)
@@ -135,7 +135,7 @@ def _fill(raw: NDArray[Any], frames: Sequence[Buffer], dtype: str) -> None:
 
 
 def _check_shape(shape: Any, spec: ArraySpec) -> None:
-    """As many lengths as axes, none negative, 1 to 3 coordinates."""
+    """Check that there are as many lengths as axes, none negative, and 1 to 3 coordinates."""
     wanted = f"({', '.join(spec.axes)})"
     if len(shape) != len(spec.axes) or any(type(n) is not int or n not in range(2**48) for n in shape):
         raise _wrong("SHAPE", f"{spec.name} must have shape {wanted}, got {tuple(shape)!s:.80}", spec)

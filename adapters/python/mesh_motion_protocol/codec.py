@@ -1,8 +1,8 @@
 """Messages to frames and back.
 
 Frame 0 is a msgpack map with exactly six keys: ``v``, ``type``, ``client``, ``sequence``, ``fields``, ``arrays``. The
-frames behind it are the arrays' bytes, in the order of ``arrays``. Everything that is checked here follows from the
-declarations in :mod:`.messages`; whether a request makes sense for a session is the server's matter.
+frames behind it are the arrays' bytes, in the order of ``arrays``. All checks here follow from the declarations in
+:mod:`.messages`; the server itself checks whether a request makes sense for a session.
 """
 
 from __future__ import annotations
@@ -36,12 +36,12 @@ def encode(message: Message, memory: Mapping[str, Any] | None = None) -> list[Bu
     Parameters
     ----------
     memory : mapping, optional
-        What its receiver offers: large arrays are written there, if that is possible, and have no frames.
+        Memory that the receiver offers: large arrays are written there, if possible, and have no frames.
 
     Raises
     ------
     ProtocolError
-        If a field or array is not what the message declares, or a limit is passed.
+        If a field or array differs from the message's declaration, or a limit is exceeded.
     """
     schema = schema_of(type(message))
     values = sent_fields(message, (*schema.identity, *schema.fields))
@@ -78,21 +78,22 @@ def _encode_arrays(
 def decode(
     frames: Sequence[Buffer], *, message_bytes: int = MESSAGE_BYTES, memory: SharedMemory | None = None
 ) -> Message:
-    """Read a message from frames; every array is aligned and writable, and the caller's.
+    """Read a message from frames; every array is aligned and writable, and belongs to the caller.
 
     Parameters
     ----------
     frames : sequence of bytes-like
-        Frame 0 and the arrays' frames. Writable ones are given away: a large one becomes its array's memory.
+        Frame 0 and the arrays' frames. Do not use writable frames afterwards: a large one becomes the memory of its
+        array.
     message_bytes : int
         Limit on all arrays together.
     memory : SharedMemory, optional
-        What was offered for the message's arrays: those that lie there stay there.
+        Memory that was offered for the message's arrays: arrays in it stay there.
 
     Raises
     ------
     ProtocolError
-        If the frames are no message of this version; ``client`` and ``sequence`` are set where they were readable.
+        If the frames are no message of this version; ``client`` and ``sequence`` are set if they were readable.
     """
     if not frames:
         raise _malformed("a message must have at least one frame, got none")
@@ -125,7 +126,7 @@ def _decode(
 
 
 def _schema(header: dict[str, Any]) -> MessageSchema:
-    """Version, keys and type of a header; the version first, since another one may have other keys."""
+    """Check version, keys and type of a header; the version first, because another version may have other keys."""
     if header.get("v") != PROTOCOL_VERSION[0] or type(header["v"]) is not int:
         raise ProtocolError(
             f"this is protocol version {PROTOCOL_VERSION[0]}, got {header.get('v')!r:.40}",
@@ -158,7 +159,7 @@ def _decode_arrays(
     message_bytes: int,
     memory: SharedMemory | None,
 ) -> dict[str, Any]:
-    """Match declarations with the class and frames with declarations."""
+    """Match declarations with the arrays of the class, and frames with declarations."""
     check_value(declared, _DECLARATIONS, finite=True)
     specs = {spec.name: spec for spec in schema.arrays}
     pairs = [_array_spec(item, specs, schema, shared=memory is not None) for item in declared]
@@ -188,7 +189,7 @@ def _decode_arrays(
 def _array_spec(
     declared: dict[str, Any], specs: dict[str, ArraySpec], schema: MessageSchema, *, shared: bool
 ) -> tuple[dict[str, Any], ArraySpec]:
-    """One entry of ``arrays`` with the declaration it must match."""
+    """Check one entry of ``arrays``; return it with its declaration."""
     if (declared.keys() - {"at"} if shared else declared.keys()) != _ARRAY_KEYS:
         raise _malformed("each entry of arrays must have exactly the keys name, dtype, shape", "arrays")
     name = declared["name"]
@@ -200,7 +201,7 @@ def _array_spec(
 
 
 def _request_id(header: dict[str, Any]) -> tuple[bytes, int]:
-    """The request id of a header that is wrong elsewhere, zeros where it is wrong itself."""
+    """Return the request id of a header with another error; zeros if the id itself is wrong."""
     client, sequence = header.get("client"), header.get("sequence")
     good_client = type(client) is bytes and len(client) == 16
     good_sequence = type(sequence) is int and sequence in range(2**63)

@@ -1,4 +1,4 @@
-"""What a field of a message may say about itself beyond its type: lengths, choices, ranges, arrays.
+"""Markers for the fields of messages, in addition to the type: lengths, choices, ranges, arrays.
 
 The markers stand in ``Annotated[...]`` in :mod:`.messages`; :mod:`.schema` reads them, so that the decoder's checks,
 SPEC.md's tables and the vectors have one source.
@@ -16,7 +16,7 @@ class ArrayField:
     """Declares an array field: its dtype on the wire and the names of its axes (SPEC.md says what they are).
 
     ``dtype`` ``"<f8"`` also admits ``"<f4"``, which is widened on receipt; ``"<i8"`` also admits ``"<i4"``, which is
-    widened unless ``narrow`` leaves that to the reader of the message: the cells of a mesh are most of what it takes.
+    widened unless ``narrow`` leaves it to the reader of the message: the cells take most of a mesh's memory.
     """
 
     dtype: str
@@ -27,7 +27,7 @@ class ArrayField:
 
 @dataclass(frozen=True)
 class Length:
-    """Bytes of exactly ``exactly``, or bytes or text (UTF-8) of at most ``at_most`` bytes."""
+    """Bytes of exactly the length ``exactly``, or bytes or text (UTF-8) of at most ``at_most`` bytes."""
 
     exactly: int | None = None
     at_most: int | None = None

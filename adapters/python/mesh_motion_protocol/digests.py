@@ -1,8 +1,7 @@
-"""Two digests: of a request's content, to distinguish a repeat from a conflict, and of a committed state.
+"""Two digests: of a request's content, which distinguishes a repeat from a conflict, and of a committed state.
 
-A repeated request may carry a new epoch (its sender resumed the session in between), other memory for its reply,
-another limit of computing and another end of the run, and a new request id would make it another request, so these stay
-out of the content.
+These fields do not belong to the content of a request: the epoch (its sender may have resumed the session in between),
+the memory for the reply, the limit of computing, the end of the run, and the request id.
 """
 
 from __future__ import annotations
@@ -22,18 +21,18 @@ from mesh_motion_protocol.schema import schema_of, sent_fields
 
 __all__ = ["request_digest", "state_digest"]
 
-#: Opens the hashed text, so that a state's digest can be no other digest.
+#: Begins the hashed text, so that the digest of a state cannot equal another kind of digest.
 STATE_PREFIX = b"mesh-motion state 1\n"
 
 _NO_CONTENT = frozenset({"epoch", "memory", "compute_limit_ms", "final_step"})
-#: So many at a time stay in the cache.
+#: Number of rows that are widened at a time, so that they stay in the cache.
 _ROWS = 1 << 14
 
 
 def request_digest(message: Message) -> bytes:
-    """32 bytes: SHA-256 over the type and all fields but ids and those that are not content.
+    """32 bytes: SHA-256 over the type and all fields, except ids and fields that are not content.
 
-    Arrays count by their values: narrow ones are widened for it, some rows at a time.
+    Arrays are compared by value: narrow ones are widened before hashing, some rows at a time.
 
     Raises
     ------
@@ -45,7 +44,7 @@ def request_digest(message: Message) -> bytes:
     try:
         packed = msgpack.packb([schema.kind, _sorted(values)])
     except (TypeError, ValueError, OverflowError):
-        pack(values)  # says what the wire does not know
+        pack(values)  # raises an error for a value that the wire does not know
         raise
     digest = hashlib.sha256(packed)
     for spec in schema.arrays:
@@ -84,12 +83,12 @@ def state_digest(step: int, points: NDArray[np.float64]) -> bytes:
 
 def _blocks(array: NDArray[Any], dtype: np.dtype[Any]) -> Iterator[memoryview]:
     rows = np.atleast_1d(array)
-    for start in range(0, len(rows) if rows.size else 0, _ROWS):  # 2⁴⁷ rows without columns are no work
+    for start in range(0, len(rows) if rows.size else 0, _ROWS):  # 2⁴⁷ rows without columns must not take time
         yield np.ascontiguousarray(rows[start : start + _ROWS], dtype=dtype).data
 
 
 def _sorted(value: Any) -> Any:
-    """Maps in the order of their keys, at every level."""
+    """Sort maps by their keys, at every level."""
     if isinstance(value, dict):
         return {key: _sorted(value[key]) for key in sorted(value)}
     return [_sorted(item) for item in value] if isinstance(value, list) else value

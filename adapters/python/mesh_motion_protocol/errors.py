@@ -52,7 +52,7 @@ __all__ = [
     "meant",
 ]
 
-#: Characters of an error's message, and of each text in its details.
+#: Largest number of characters in an error's message, and in each text of its details.
 _MESSAGE, _DETAIL = 1000, 200
 
 
@@ -69,7 +69,7 @@ class ErrorCode:
     state : {"unchanged", "FROZEN", "FAILED"}
         The session's state after the error.
     hint : str
-        The way out, shown where the sender gives none of its own.
+        A way out of the error, shown if the sender gives no hint.
     """
 
     code: str
@@ -134,22 +134,22 @@ ERROR_CODES: dict[str, ErrorCode] = _codes(
 
 
 def error_code(code: str) -> ErrorCode:
-    """Look a code up; an unknown detail is its canonical name, an unknown name is INTERNAL."""
+    """Look a code up; an unknown detail gives its canonical name, an unknown name INTERNAL."""
     return ERROR_CODES.get(code) or ERROR_CODES.get(code.partition(".")[0]) or ERROR_CODES["INTERNAL"]
 
 
 def brief(text: str, most: int = _MESSAGE) -> str:
-    """A text that fits into a reply, whatever names and values of the sender it repeats: else its two ends."""
+    """Shorten a text to fit into a reply; of a long text the two ends are kept."""
     return text if len(text) <= most else f"{text[: most // 2]} … {text[-most // 2 :]}"
 
 
 def brief_details(details: dict[str, Any]) -> dict[str, Any]:
-    """The details of an error, with each text in them brief."""
+    """Return the details of an error, with each text in them shortened."""
     return {key: brief(value, _DETAIL) if isinstance(value, str) else value for key, value in details.items()}
 
 
 class MeshMotionWarning(UserWarning):
-    """What the server warns of in a reply, as ``warnings.warn`` shows it; the reply has it as ``warnings`` too."""
+    """A warning that the server sends in a reply, shown by ``warnings.warn``; the reply has it in ``warnings`` too."""
 
 
 class MeshMotionError(Exception):
@@ -162,7 +162,7 @@ class MeshMotionError(Exception):
     code : str, optional
         One of :data:`ERROR_CODES`; each subclass has its default.
     hint : str, optional
-        The way out, one line; shown after the message.
+        A way out of the error, one line; shown after the message.
     details : dict, optional
         Plain values (str, int, float, lists of them) for programs, for example ``{"node": 17, "value": "nan"}``.
     """
@@ -189,35 +189,35 @@ class InvalidInput(MeshMotionError):
 
 
 class SessionError(MeshMotionError):
-    """The request does not fit the session: its state, its step, its owner or its existence; nothing was changed."""
+    """The request does not fit the session's state, step, owner or existence; nothing was changed."""
 
     default_code = "FAILED_PRECONDITION.STATE"
 
 
 class StepsLost(SessionError):
-    """Steps that were committed did not survive a crash: the session has durability "relaxed" and goes on before them.
+    """Committed steps of a session with durability "relaxed" were lost in a crash; it goes on from an earlier step.
 
-    Nothing of the call took effect. ``session.step`` is where the session stands; the same moves and commits from there
-    give the same coordinates again.
+    The call had no effect. ``session.step`` is the step of the session now; the same moves and commits from there give
+    the same coordinates again.
 
     Attributes
     ----------
     step : int
-        The last committed step that is left.
+        The last committed step that was not lost.
     lost : int
-        How many are lost.
+        Number of lost steps.
     """
 
     default_code = "ABORTED.STEPS_LOST"
 
     @property
     def step(self) -> int:
-        """The last committed step that is left."""
+        """The last committed step that was not lost."""
         return int(self.details.get("expected", 1)) - 1
 
     @property
     def lost(self) -> int:
-        """How many are lost."""
+        """Number of lost steps."""
         return int(self.details.get("got", 1)) - 1 - self.step
 
 
@@ -227,13 +227,13 @@ class QualityRefused(MeshMotionError):
     Attributes
     ----------
     best : float
-        The best minimum quality that was found; -inf where none is known.
+        The best minimum quality that was found; -inf if none is known.
     fraction : float or None
         The largest fraction of the displacement that is known to give an acceptable mesh.
     cells : tuple of int
-        The worst cells, worst first, where the numerics raise it.
+        The worst cells, worst first, if the numerics raised the error.
     worst : list of dict
-        The worst cells as in the quality report, where a server answered it.
+        The worst cells as in the quality report, if a server sent the error.
     """
 
     default_code = "FAILED_PRECONDITION.QUALITY"
@@ -267,19 +267,19 @@ class ResourceExhausted(MeshMotionError):
 
 
 class Unavailable(MeshMotionError):
-    """No server answers, or it is stopping."""
+    """No server answers, or the server is stopping."""
 
     default_code = "UNAVAILABLE"
 
 
 class Timeout(MeshMotionError):
-    """No answer within the time allowed. The same call may be repeated: it executes once."""
+    """No answer within the allowed time. The same call may be repeated: it executes only once."""
 
     default_code = "DEADLINE_EXCEEDED"
 
 
 class DataLoss(MeshMotionError):
-    """Stored data cannot be written or trusted; nothing is guessed."""
+    """Stored data cannot be written or trusted; the server does not guess."""
 
     default_code = "DATA_LOSS.CHECKSUM"
 
@@ -312,13 +312,13 @@ _BY_CODE: dict[str, type[MeshMotionError]] = {
 
 
 def error_from(reply: ErrorReply) -> MeshMotionError:
-    """The exception for an ERROR; an unknown detail falls back to its canonical name."""
+    """Return the exception for an ERROR; an unknown detail gives that of its canonical name."""
     kind = _BY_CODE.get(reply.code) or _BY_CODE.get(reply.code.partition(".")[0], ServerFault)
     return kind(reply.message, code=reply.code, hint=reply.hint, details=reply.details)
 
 
 def meant(word: str, known: Iterable[str]) -> str:
-    """A hint "did you mean …?" with the known word that is most similar; empty if there is none."""
+    """Return a hint "did you mean …?" with the most similar known word; empty if there is none."""
     alike = get_close_matches(word, list(known), n=1)
     return f"did you mean {alike[0]!r}?" if alike else ""
 
@@ -339,7 +339,7 @@ class ProtocolError(Exception):
     ----------
     client : bytes
     sequence : int
-        The request id where it could still be read, zeros otherwise: an answer can then be matched.
+        The request id if it could still be read, else zeros: a reply can then be matched with its request.
     """
 
     def __init__(self, message: str, *, code: str, details: dict[str, object] | None = None) -> None:

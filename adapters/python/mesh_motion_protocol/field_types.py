@@ -1,4 +1,4 @@
-"""The types of fields that several messages share, with what is demanded of their values."""
+"""Types of fields that several messages share, with the conditions on their values."""
 
 from __future__ import annotations
 

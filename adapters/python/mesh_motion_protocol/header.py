@@ -1,7 +1,7 @@
-"""Frame 0: a msgpack map, packed plainly and unpacked strictly.
+"""Frame 0: a msgpack map that is packed plainly and unpacked strictly.
 
-What msgpack leaves open is pinned here as SPEC.md pins it: text keys only, no key twice, no extension types, valid
-UTF-8, one object and nothing behind it, and limits on size, items and depth that hold before anything is allocated.
+msgpack leaves several points open; they are fixed here as in SPEC.md: text keys only, no key twice, no extension types,
+valid UTF-8, one object and no bytes after it. Limits on size, items and depth are checked before memory is allocated.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from mesh_motion_protocol.limits import CONTAINER_ITEMS, HEADER_BYTES, HEADER_DE
 __all__ = ["pack", "plain", "unpack"]
 
 _OTHER, _TEXT, _ARRAY, _MAP = range(4)
-#: What a value is by its first byte, as msgpack has it.
+#: Kind of a value by its first byte, as msgpack defines it.
 _KINDS = bytes(
     _MAP if byte >> 4 == 0x8 or byte in (0xDE, 0xDF)
     else _ARRAY if byte >> 4 == 0x9 or byte in (0xDC, 0xDD)
@@ -27,7 +27,7 @@ _KINDS = bytes(
     for byte in range(256)
 )  # fmt: skip
 
-#: Most values: their type is looked at before anything slower.
+#: Types of most values: they are checked before slower cases.
 _LEAVES = frozenset({float, str, int, bool, bytes, type(None)})
 
 
@@ -60,7 +60,7 @@ def unpack(frame: bytes | memoryview) -> dict[str, Any]:
     """
     if len(frame) > HEADER_BYTES:
         raise _too_large(f"frame 0 must be at most {HEADER_BYTES} bytes, got {len(frame)}")
-    # Unpacker keeps a copy; as much as it is given is all that it makes room for
+    # Unpacker copies the frame; with this read_size it allocates no more than the frame
     reader = msgpack.Unpacker(
         None, read_size=len(frame), max_buffer_size=HEADER_BYTES, raw=False, ext_hook=_no_extension, max_ext_len=0
     )
@@ -81,7 +81,7 @@ def unpack(frame: bytes | memoryview) -> dict[str, Any]:
 
 
 def plain(value: Any) -> Any:
-    """Turn numpy scalars and tuples inside ``value`` into what msgpack knows."""
+    """Turn numpy scalars and tuples inside ``value`` into types that msgpack knows."""
     if type(value) in _LEAVES:
         return value
     if isinstance(value, np.generic):
@@ -94,7 +94,7 @@ def plain(value: Any) -> Any:
 
 
 def _value(reader: msgpack.Unpacker, frame: bytes | memoryview, depth: int) -> Any:
-    """Read the next value; a map or an array is at this depth."""
+    """Read the next value; ``depth`` is the nesting level of a map or an array in this place."""
     kind = _KINDS[frame[reader.tell()]]
     if kind == _MAP:
         return _map(reader, frame, depth)
@@ -107,22 +107,22 @@ def _value(reader: msgpack.Unpacker, frame: bytes | memoryview, depth: int) -> A
 def _map(reader: msgpack.Unpacker, frame: bytes | memoryview, depth: int) -> dict[str, Any]:
     """Read a map, key by key.
 
-    ``unpackb`` interns keys, and an interned string is never given back by Python 3.12.0 to 3.12.6 and by builds
-    without the global lock: who sends ever new keys would fill the server's memory.
+    ``unpackb`` interns keys, and Python 3.12.0 to 3.12.6 and builds without the global lock never free an interned
+    string: a client that always sends new keys would fill the server's memory.
     """
     mapping: dict[str, Any] = {}
     for _ in range(_admitted(reader.read_map_header(), depth, _malformed)):
         if _KINDS[frame[reader.tell()]] != _TEXT:
             raise _malformed(f"map keys must be text, got one with the first byte 0x{frame[reader.tell()]:02x}")
         key = reader.unpack()
-        if key in mapping:  # two readers could see two messages
+        if key in mapping:  # two readers could see two different messages
             raise _malformed(f"the key {key!r} comes twice")
         mapping[key] = _value(reader, frame, depth + 1)
     return mapping
 
 
 def _admitted(items: int, depth: int, too_many: Callable[[str], ProtocolError]) -> int:
-    """Items of a map or array at this depth; when it is read, before any of them is made."""
+    """Check the number of items of a map or array, and its depth; when reading, before any item is made."""
     if depth > HEADER_DEPTH:
         raise _malformed(f"the header must be nested at most {HEADER_DEPTH} deep")
     if items > CONTAINER_ITEMS:
@@ -135,7 +135,7 @@ def _no_extension(code: int, _data: bytes) -> Any:
 
 
 def _check_containers(value: Any, depth: int = 1) -> None:
-    """Depth and items of nested maps and arrays."""
+    """Check depth and number of items of nested maps and arrays."""
     if type(value) in _LEAVES or not isinstance(value, (Mapping, list)):
         return
     _admitted(len(value), depth, _too_large)

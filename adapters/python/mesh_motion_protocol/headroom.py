@@ -1,11 +1,11 @@
-"""MOVED's headroom in words: the same in the client, ``play``, the terminal and the page (SPEC.md, section 15)."""
+"""The headroom of MOVED in words: the same in the client, ``play``, the terminal and the page (SPEC.md, section 15)."""
 
 from collections.abc import Mapping
 from typing import Any
 
 __all__ = ["headroom_in_words"]
 
-#: What is counted along each way on.
+#: Unit of the headroom for each way of continuing the motion.
 _COUNTED = {
     "step": "more steps like the last one",
     "displacement": "times the displacement further",
@@ -15,6 +15,6 @@ _ENDS = {"threshold": "the quality threshold", "inversion": "the first inverted 
 
 
 def headroom_in_words(headroom: Mapping[str, Any]) -> str:
-    """What is counted, and how much of it leads to which end; empty if no end is near."""
+    """Say how much more motion leads to which end of the mesh, and in which unit; empty if no end is near."""
     ahead = [f"{headroom[name]:.2g} to {end}" for name, end in _ENDS.items() if name in headroom]
     return f"{_COUNTED[headroom.get('along', 'step')]}: {', '.join(ahead)}" if ahead else ""

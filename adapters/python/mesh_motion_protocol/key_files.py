@@ -1,7 +1,7 @@
 """Keys in files: one line each, ``mesh-motion-public KEY NAME`` or ``mesh-motion-secret KEY NAME``.
 
-A key is a Curve25519 key as 40 characters of Z85 (ZeroMQ RFC 32). A public key may be shown to anybody. A secret key is
-its holder: its file has mode 0600, and one that others may read is refused.
+A key is a Curve25519 key as 40 characters of Z85 (ZeroMQ RFC 32). A public key is no secret. A secret key proves who
+its holder is: its file has mode 0600, and a file that others may read is refused.
 """
 
 from __future__ import annotations
@@ -16,17 +16,17 @@ __all__ = ["KeyFileError", "PublicKey", "SecretKey", "checked_key", "checked_nam
 
 _KEY = re.compile(r"[0-9a-zA-Z.\-:+=^!/*?&<>()\[\]{}@%$#]{40}")
 _NAME = re.compile(r"[0-9a-zA-Z][0-9a-zA-Z._@-]{0,63}")
-#: A key file is one line; whatever is longer is another file.
+#: Largest size of a key file, which has one line: a longer file is something else.
 _MOST_BYTES = 4096
 
 
 class KeyFileError(ValueError):
-    """A file holds no key, or one that is not kept as it must be; the message never shows a secret."""
+    """A file holds no key, or is not protected as required; the message never shows a secret."""
 
 
 @dataclass(frozen=True)
 class PublicKey:
-    """Whom a secret key stands for.
+    """A public key: identifies the holder of the secret key.
 
     Attributes
     ----------
@@ -38,12 +38,12 @@ class PublicKey:
     key: str
 
     def save(self, path: Path) -> None:
-        """Write a file that anybody may read; an existing one is an error."""
+        """Write a file that everybody may read; an existing file is an error."""
         _create(path, 0o644, f"mesh-motion-public {self.key} {self.name}\n")
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> PublicKey:
-        """Read what :meth:`save` wrote.
+        """Read a file that :meth:`save` wrote.
 
         Raises
         ------
@@ -55,7 +55,7 @@ class PublicKey:
 
 @dataclass(frozen=True)
 class SecretKey:
-    """What proves who one is.
+    """A secret key: proves who its holder is.
 
     Attributes
     ----------
@@ -67,12 +67,12 @@ class SecretKey:
     key: str = field(repr=False)
 
     def save(self, path: Path) -> None:
-        """Write a file of mode 0600; an existing one is an error."""
+        """Write a file of mode 0600; an existing file is an error."""
         _create(path, 0o600, f"mesh-motion-secret {self.key} {self.name}\n")
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> SecretKey:
-        """Read what :meth:`save` wrote.
+        """Read a file that :meth:`save` wrote.
 
         Raises
         ------
@@ -83,7 +83,7 @@ class SecretKey:
 
 
 def checked_key(text: str) -> str:
-    """The text, if it is a key.
+    """Return the text if it is a key.
 
     Raises
     ------
@@ -95,7 +95,7 @@ def checked_key(text: str) -> str:
 
 
 def checked_name(text: str) -> str:
-    """The text, if it is a name of a key.
+    """Return the text if it is a name of a key.
 
     Raises
     ------
@@ -109,7 +109,7 @@ def checked_name(text: str) -> str:
 
 
 def _create(path: Path, mode: int, line: str) -> None:
-    """A new file with one line, of that mode whatever the umask."""
+    """Create a file with one line and this mode, whatever the umask."""
     try:
         descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode)
     except OSError as error:
@@ -136,7 +136,7 @@ def _read(path: Path, *, secret: bool) -> str:
 
 
 def _parse(text: str, kind: str, path: Path) -> tuple[str, str]:
-    """Name and key of a file's only line."""
+    """Return the name and the key in a file's only line."""
     words = text.split()
     if len(words) != 3 or words[0] != f"mesh-motion-{kind}" or not _KEY.fullmatch(words[1]):
         raise KeyFileError(f"{path}: expected one line 'mesh-motion-{kind} KEY NAME', as `mesh-motion keys` writes it")

@@ -1,6 +1,6 @@
-"""Every limit of protocol 1.0: its value, its unit, what it bounds. WELCOME announces all of them.
+"""Every limit of protocol 1.0, with its value, its unit and its subject. WELCOME announces all of them.
 
-Limits marked ``fixed`` belong to the protocol: both ends count on them before any WELCOME. The others are a server's
+Limits marked ``fixed`` belong to the protocol: both ends rely on them before any WELCOME. The others are a server's
 choice; the values here are its defaults.
 """
 
@@ -19,21 +19,21 @@ __all__ = [
     "default_limits",
 ]
 
-#: Frame 0, packed. A quality report with ten worst cells takes about 2 KiB.
+#: Size of frame 0, packed. A quality report with ten worst cells takes about 2 KiB.
 HEADER_BYTES = 64 * 1024
-#: Items of one msgpack array or map: a header of empty maps may not unpack to hundreds of megabytes.
+#: Items of one msgpack array or map: a header of empty maps must not unpack to hundreds of megabytes.
 CONTAINER_ITEMS = 256
-#: Nesting of msgpack arrays and maps, the header's own map being level 1.
+#: Nesting of msgpack arrays and maps; the header's own map is level 1.
 HEADER_DEPTH = 12
-#: One raw frame. On ipc, 16 MiB frames gave the highest throughput, 3.9 GB/s.
+#: Size of one raw frame. On ipc, 16 MiB frames gave the highest throughput, 3.9 GB/s.
 FRAME_BYTES = 16 * 1024 * 1024
-#: All arrays of one message.
+#: Size of all arrays of one message.
 MESSAGE_BYTES = 2 * 1024**3
 
 
 @dataclass(frozen=True)
 class Limit:
-    """One limit: ``value`` in ``unit``; ``fixed`` by the protocol or a server's choice."""
+    """One limit: ``value`` in ``unit``; ``fixed`` by the protocol, or else chosen by a server."""
 
     name: str
     value: int

@@ -1,12 +1,12 @@
-"""The catalogue of protocol 1.0: every message as a frozen dataclass, and which request has which reply where.
+"""The catalogue of protocol 1.0: every message as a frozen dataclass, and the reply and the endpoint of each request.
 
 A message is a header (frame 0: a msgpack map of the scalar and map fields) and named arrays (raw frames). Fields whose
 annotation is :class:`ArrayField` are arrays; all others go into the header. :data:`MESSAGES` maps the type name on the
 wire to the class; the codec, SPEC.md's field tables and the conformance vectors are made from these declarations.
 
-Two endpoints are spoken to. The *control* endpoint (gateway) takes HELLO, OPEN, RESUME, LIST, PROBE: headers only. Each
-session has a worker process with a *data* endpoint of its own, named in OPENED and RESUMED, that takes JOIN, UPLOAD,
-BUILD, MOVE, JUDGE, CORRECT, COMMIT, ROLLBACK, FETCH, STATUS, CLOSE. PING is taken by both.
+A server has two kinds of endpoint. The *control* endpoint (gateway) takes HELLO, OPEN, RESUME, LIST, PROBE: headers
+only. Each session has a worker process with a *data* endpoint of its own, named in OPENED and RESUMED, that takes JOIN,
+UPLOAD, BUILD, MOVE, JUDGE, CORRECT, COMMIT, ROLLBACK, FETCH, STATUS, CLOSE. Both take PING.
 
 A solver that runs on n ranks joins a session as n *partitions*. BUILD, MOVE, JUDGE, CORRECT, COMMIT, ROLLBACK are
 collective: the server waits for all partitions and then answers each.
@@ -128,7 +128,7 @@ REPLIES: dict[str, str] = {
     "ROLLBACK": "ROLLED_BACK", "FETCH": "FETCHED", "STATUS": "STATUS_REPORT", "CLOSE": "CLOSED",
 }  # fmt: skip
 
-#: Requests the control endpoint takes; all others, and PING, go to a session's data endpoint.
+#: Requests that the control endpoint takes; all others, and PING, go to a session's data endpoint.
 CONTROL = frozenset({"HELLO", "OPEN", "RESUME", "LIST", "PROBE", "PING"})
 
 #: Requests that wait for every partition of the session.

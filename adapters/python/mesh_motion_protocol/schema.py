@@ -1,4 +1,4 @@
-"""The declarations of :mod:`.messages` read into tables, and the checks that follow from them."""
+"""Tables made from the declarations of :mod:`.messages`, and the checks that follow from them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from mesh_motion_protocol.messages import REPLIES, Message
 
 __all__ = ["ArraySpec", "FieldSpec", "MessageSchema", "check_value", "schema_of", "sent_fields"]
 
-#: In the header next to ``fields``, for every message.
+#: Header fields of every message, next to ``fields``.
 REQUEST_ID = ("client", "sequence")
 _INTEGERS = range(-(2**63), 2**63)
 
@@ -24,7 +24,7 @@ _INTEGERS = range(-(2**63), 2**63)
 class FieldSpec:
     """A header field: its Python type, its markers, and whether a sender may leave it out.
 
-    One that is None is left out, also by a sender that knows it: nil is no value of the wire.
+    A field that is None is left out, even by a sender that knows the field: nil is no value of the wire.
     """
 
     name: str
@@ -35,7 +35,7 @@ class FieldSpec:
 
 @dataclass(frozen=True)
 class ArraySpec:
-    """An array field: admitted dtypes on the wire, the axes' names, whether integers of 4 bytes stay so on receipt."""
+    """An array field: its dtypes on the wire, the names of its axes, whether the receiver keeps integers of 4 bytes."""
 
     name: str
     dtypes: tuple[str, ...]
@@ -46,7 +46,7 @@ class ArraySpec:
 
 @dataclass(frozen=True)
 class MessageSchema:
-    """What a message type, ``kind`` on the wire, consists of; ``request`` is true for requests, false for replies."""
+    """The fields of a message type, ``kind`` on the wire; ``request`` is true for requests, false for replies."""
 
     kind: str
     cls: type[Message]
@@ -57,7 +57,7 @@ class MessageSchema:
 
 
 def schema_of(cls: type[Message]) -> MessageSchema:
-    """The table of a message class, read once."""
+    """Return the table of a message class; it is made once."""
     if cls not in _SCHEMAS:
         _SCHEMAS[cls] = _read(cls)
     return _SCHEMAS[cls]
@@ -96,13 +96,13 @@ def _split(hint: Any) -> tuple[Any, tuple[Any, ...]]:
 
 
 def _admitted(dtype: str) -> tuple[str, ...]:
-    """Wire dtypes of a declaration: the wide ones first, the narrow ones that are widened on receipt last."""
+    """Return the wire dtypes of a declaration: the wide ones, then the narrow ones that are widened on receipt."""
     wide = tuple(dtype.split("|"))
     return (*wide, *(d.replace("8", "4") for d in wide))
 
 
 def sent_fields(message: Message, specs: Sequence[FieldSpec]) -> dict[str, Any]:
-    """Name → plain value of these fields, without those that are left out."""
+    """Return name → plain value of these fields, without those that are left out."""
     values = {spec.name: plain(getattr(message, spec.name)) for spec in specs}
     left_out = {spec.name for spec in specs if values[spec.name] is None and not spec.required}
     return {name: value for name, value in values.items() if name not in left_out}
@@ -115,7 +115,7 @@ def check_value(value: Any, spec: FieldSpec, *, finite: bool) -> None:
     ------
     ProtocolError
         INVALID_ARGUMENT.HEADER for a wrong type, .VALUE outside choices, range or length, .NONFINITE for NaN or
-        infinity where ``finite`` is asked for.
+        infinity if ``finite`` is true.
     """
     if spec.kind is float and type(value) is int:
         value = float(value)
@@ -130,7 +130,7 @@ def check_value(value: Any, spec: FieldSpec, *, finite: bool) -> None:
 
 
 class _WrongValueError(Exception):
-    """What is wrong with a value, and the steps from it to its field: only an error gives each item a name."""
+    """A wrong value, with the path from its field to it: items are named only when there is an error."""
 
     def __init__(self, text: str, subcode: str = "HEADER") -> None:
         super().__init__(text)
@@ -139,7 +139,7 @@ class _WrongValueError(Exception):
 
 
 def _check_kind(value: Any, kind: Any, finite: bool) -> None:
-    """The type of ``value``, recursively."""
+    """Check the type of ``value``, recursively."""
     found = type(value)
     if kind is Any:
         wanted, inner = found, Any
@@ -165,13 +165,13 @@ def _check_kind(value: Any, kind: Any, finite: bool) -> None:
             raise
 
 
-#: What the wire knows, as errors say it.
+#: Types of the wire, as errors name them.
 _PLAIN = {str: "text", bytes: "binary", int: "an integer", float: "a number", bool: "true or false",
           list: "an array", dict: "a map", type(None): "null"}  # fmt: skip
 
 
 def _check_marker(value: Any, marker: Length | Choice | Range, where: str) -> None:
-    """A field's own condition on its value."""
+    """Check the condition of a marker on the field's value."""
     if isinstance(marker, Choice):
         good, wanted = value in marker.values, "one of " + ", ".join(repr(v) for v in marker.values)
     elif isinstance(marker, Range):

@@ -1,8 +1,9 @@
-"""Large arrays of a reply in memory that its receiver shares (SPEC.md, section 22): written once, sent by no socket.
+"""Large arrays of a reply in memory that its receiver shares (SPEC.md, section 22): written once, not sent by a socket.
 
-The receiver makes anonymous memory and offers it with its request; a sender on its machine writes the arrays there.
-A random key at its beginning shows that both mean the same memory: in another container a process's number may be that
-of another process. Its size is sealed, so the sender can map it: no truncation can end it.
+The receiver makes anonymous memory and offers it with its request; a sender on the same machine writes the arrays
+there. A random key at the start of the memory shows that both mean the same memory: in another container the same
+process id may belong to another process. The size of the memory is sealed, so the sender can map it safely: nothing can
+truncate it.
 """
 
 from __future__ import annotations
@@ -25,40 +26,40 @@ from mesh_motion_protocol.errors import ProtocolError
 if sys.platform == "linux":
     import fcntl
 
-    #: Pages are there at once: a fault for each one takes longer than the copy.
+    #: Allocate all pages at once: a page fault for each one takes longer than the copy.
     _FLAGS = mmap.MAP_SHARED | mmap.MAP_POPULATE
 
 __all__ = ["FEATURE", "SUPPORTED", "SharedMemory", "is_large", "written"]
 
-#: In HELLO and WELCOME.
+#: Name of this feature in HELLO and WELCOME.
 FEATURE = "shared-memory"
 SUPPORTED = sys.platform == "linux"
-#: Arrays of fewer bytes go faster as frames.
+#: Smaller arrays, in bytes, are sent faster as frames.
 _LEAST_BYTES = 1 << 20
 _KEY_BYTES = 16
-#: Arrays begin at multiples of this, the first one behind the key.
+#: Arrays begin at multiples of this number of bytes; the first one follows the key.
 _ALIGNMENT = 64
-#: Memories that a sender keeps mapped, whose owners may be gone: four of each of some ranks.
+#: Number of memories that a sender keeps mapped although their owners may be gone: four for each of some ranks.
 _MAPPED = 64
 
 
 class SharedMemory:
-    """Memory for the large arrays of one reply at a time; it lasts as long as this, or an array in it.
+    """Memory for the large arrays of one reply at a time; it exists as long as this object, or an array in it.
 
     Parameters
     ----------
     nbytes : int
-        Of these arrays.
+        Size of these arrays.
 
     Attributes
     ----------
     offer : dict
-        What the request says of it: ``memory`` of MOVE.
+        Description of the memory in the request: ``memory`` of MOVE.
 
     Raises
     ------
     OSError
-        If there is none.
+        If no memory can be had.
     """
 
     def __init__(self, nbytes: int) -> None:
@@ -72,22 +73,22 @@ class SharedMemory:
         self.offer = {"process": os.getpid(), "descriptor": descriptor, "key": key}
 
     def holds(self, nbytes: int) -> bool:
-        """Whether arrays of so many bytes fit in, and no array of an earlier reply is in use any more."""
+        """Whether arrays of this many bytes fit in, and no array of an earlier reply is still in use."""
         if nbytes + 4 * _ALIGNMENT > len(self._map):
             return False
         try:
-            self._map.resize(len(self._map))  # refused while an array refers to it
+            self._map.resize(len(self._map))  # raises an error while an array refers to the memory
         except BufferError:
             return False
         return True
 
     def array(self, at: Any, items: int, dtype: str) -> NDArray[Any]:
-        """``items`` of 8 bytes from the byte ``at`` on.
+        """Return an array of ``items`` of 8 bytes, from the byte ``at`` on.
 
         Raises
         ------
         ProtocolError
-            INVALID_ARGUMENT.HEADER if they lie elsewhere than they may.
+            INVALID_ARGUMENT.HEADER if the array would be outside the memory.
         """
         last = len(self._map) - 8 * items
         if type(at) is not int or not items or at % _ALIGNMENT or not _ALIGNMENT <= at <= last:
@@ -96,17 +97,17 @@ class SharedMemory:
 
 
 def is_large(array: NDArray[Any]) -> bool:
-    """Whether an array is written to memory that is offered: 8 bytes an item, and enough of them."""
+    """Whether an array is written to offered memory: its items have 8 bytes, and there are enough of them."""
     return array.dtype.itemsize == 8 and array.nbytes >= _LEAST_BYTES
 
 
 def written(offer: Mapping[str, Any], arrays: Sequence[NDArray[Any]]) -> dict[int, int]:
-    """Write the large ones of ``arrays`` to the memory that is offered.
+    """Write the large arrays of ``arrays`` to the offered memory.
 
     Returns
     -------
     dict
-        Index → where it lies. Empty where the offer is none, or not of memory that this process may write to.
+        Index → place in the memory. Empty if there is no offer, or if this process may not write to the memory.
     """
     process, descriptor, key = offer.get("process"), offer.get("descriptor"), offer.get("key")
     if type(process) is not int or type(descriptor) is not int or type(key) is not bytes or not SUPPORTED:
@@ -131,24 +132,24 @@ def written(offer: Mapping[str, Any], arrays: Sequence[NDArray[Any]]) -> dict[in
 
 @lru_cache(_MAPPED)
 def _mapped(process: int, descriptor: int, key: bytes, nbytes: int) -> mmap.mmap:
-    """The first bytes of anonymous memory that begins with the key, and that no process can make smaller.
+    """Map the first bytes of anonymous memory that begins with the key and that no process can shrink.
 
     Raises
     ------
     OSError, ValueError
-        If there is none, or less.
+        If there is no such memory, or if it is smaller.
     """
     path = f"/proc/{process}/fd/{descriptor}"
-    if not stat.S_ISREG(os.stat(path).st_mode):  # opening anything else might do something
+    if not stat.S_ISREG(os.stat(path).st_mode):  # opening another kind of file might have side effects
         raise OSError(f"{path} is no file")
     memory = os.open(path, os.O_RDWR)
     try:
-        sealed = fcntl.fcntl(memory, fcntl.F_GET_SEALS) & fcntl.F_SEAL_SHRINK  # of no file that has a name
+        sealed = fcntl.fcntl(memory, fcntl.F_GET_SEALS) & fcntl.F_SEAL_SHRINK  # a file without a name
         if not sealed or os.pread(memory, _KEY_BYTES, 0) != key:
             raise OSError(f"{path} is not the memory that is offered")
         if os.fstat(memory).st_size < nbytes:
             raise OSError(f"{path} is too small")
-        os.posix_fallocate(memory, 0, nbytes)  # a lack of memory is an error here, and would be the end later
+        os.posix_fallocate(memory, 0, nbytes)  # too little memory gives an error here; later it would end the process
         return mmap.mmap(memory, nbytes, flags=_FLAGS)
     finally:
         os.close(memory)

@@ -1,7 +1,7 @@
-"""One displacement for a node that several patches or partitions give one for.
+"""One displacement for a node to which several patches or partitions give displacements.
 
-Their values may differ by rounding, for example because they come from two mappings. The larger of each component is
-taken, so that the result depends neither on the order of the patches nor on how the mesh is divided.
+Their values may differ by rounding, for example because they come from two mappings. The larger value of each component
+is taken, so that the result depends neither on the order of the patches nor on the partitioning of the mesh.
 """
 
 from __future__ import annotations
@@ -14,22 +14,22 @@ from numpy.typing import NDArray
 
 __all__ = ["AGREEMENT", "Torn", "united"]
 
-#: Largest difference of a component between the values for one node, as a share of the longest side of the bounding
-#: box of the mesh: what single precision rounds. A larger one would tear the mesh.
+#: Largest allowed difference of a component between the values for one node, as a share of the longest side of the
+#: mesh's bounding box: the rounding of single precision. A larger difference would tear the mesh.
 AGREEMENT = 1e-7
 
 
 class Torn(ValueError):
-    """A node is given two displacements.
+    """A node has two different displacements.
 
     Attributes
     ----------
     place : int
         The number of the node, as in ``places``.
     parts : tuple of two int
-        Which parts give it.
+        Numbers of the parts that give them.
     values : tuple of two (d,) arrays
-        What they give.
+        The two displacements.
     """
 
     def __init__(self, place: int, parts: tuple[int, int], values: tuple[NDArray[Any], NDArray[Any]]) -> None:
@@ -40,7 +40,7 @@ class Torn(ValueError):
 def united(
     rows: Sequence[NDArray[np.float64]], places: Sequence[NDArray[np.integer]], count: int, extent: float
 ) -> NDArray[np.float64]:
-    """One displacement for each node.
+    """Return one displacement for each node.
 
     Parameters
     ----------
@@ -68,14 +68,14 @@ def united(
     apart = np.max(highest[nodes] - values, axis=1, initial=0.0)
     if (apart > AGREEMENT * extent).any():
         _refuse(values, nodes, apart, [len(part) for part in rows])
-    highest[np.bincount(nodes, minlength=count) > 1] += 0.0  # 0 and -0 differ in their bits
+    highest[np.bincount(nodes, minlength=count) > 1] += 0.0  # 0 and -0 are equal but have different bits
     return highest
 
 
 def _refuse(
     values: NDArray[np.float64], nodes: NDArray[np.integer], apart: NDArray[np.float64], sizes: list[int]
 ) -> None:
-    """Raise for the row that is furthest ``apart`` (r,) from the other values of its node."""
+    """Raise the error for the row that is furthest ``apart`` (r,) from the other values of its node."""
     row = int(np.argmax(apart))
     same = np.flatnonzero(nodes == nodes[row])
     other = int(same[np.argmax(np.abs(values[same] - values[row]).max(axis=1))])

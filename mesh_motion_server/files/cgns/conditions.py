@@ -24,7 +24,7 @@ class Condition:
     of_nodes : bool
         Whether it lists nodes (otherwise elements).
     values : (k,) array
-        Numbers counted from 1, or the first and the last of a range.
+        Numbers counted from 1, or the first and the last number of a range.
     """
 
     node: Node
@@ -35,7 +35,7 @@ class Condition:
     is_range: bool
 
     def elements(self, numbers: Integers) -> Marks:
-        """Mask of the elements with these numbers that it lists."""
+        """Mask of those elements with these numbers that the condition lists."""
         if self.of_nodes:
             return np.zeros(len(numbers), dtype=bool)
         if self.is_range:

@@ -17,9 +17,9 @@ from mesh_motion_server.files.cgns.tree import Node
 __all__ = ["NFACE", "NGON", "VERTEX", "Elements", "ListedElements", "read_elements"]
 
 NODE, MIXED, NGON, NFACE = 2, 20, 22, 23
-#: Our type for each CGNS type number that is read; the CGNS name for other numbers.
+#: Our type for each CGNS type number that is read; for other numbers the CGNS name.
 TYPES = {3: "line", 5: "triangle", 7: "quad", 10: "tetra", 12: "pyramid", 14: "wedge", 17: "hexahedron"}
-#: Second order: the corners come first, and so many nodes are there in all.
+#: Second order: the corners come first; total number of nodes.
 _SECOND = {4: ("line", 3), 6: ("triangle", 6), 8: ("quad", 8), 9: ("quad", 9), 11: ("tetra", 10), 13: ("pyramid", 14),
            15: ("wedge", 15), 16: ("wedge", 18), 18: ("hexahedron", 20), 19: ("hexahedron", 27),
            21: ("pyramid", 13)}  # fmt: skip
@@ -42,9 +42,9 @@ class Elements:
 
 @dataclass(frozen=True, eq=False)
 class ListedElements:
-    """Elements of variable length, NGON_n or NFACE_n: (m + 1,) where each begins, and the entries as in the file.
+    """Elements of variable length, NGON_n or NFACE_n: (m + 1,) start of each element, and the entries as in the file.
 
-    ``parents`` (m, 2): the cells on both sides, if the section has them.
+    ``parents`` (m, 2): the cells on both sides of each face, if the section has them.
     """
 
     kind: int
@@ -56,7 +56,7 @@ class ListedElements:
 
     @property
     def numbers(self) -> Integers:
-        """(m,) their numbers in the zone."""
+        """(m,) numbers of the elements in the zone."""
         return self.first + np.arange(len(self.starts) - 1)
 
 
@@ -66,7 +66,7 @@ def read_elements(section: Node) -> list[Elements | ListedElements]:
     Raises
     ------
     InvalidInput
-        For types of third and higher order, and counts that do not fit.
+        For types of third and higher order, and for wrong counts.
     """
     kind = int(_first(section, section.integers(), 2)[0])
     low, high = (int(v) for v in _first(section, _array(section, "ElementRange"), 2))
@@ -156,7 +156,7 @@ def _mixed(section: Node, connectivity: Integers, low: int, count: int) -> list[
 
 
 def _walked(section: Node, connectivity: Integers, count: int) -> Integers:
-    """(count + 1,) where the elements of a MIXED section begin, found from the types before their nodes."""
+    """(count + 1,) start of each element of a MIXED section, found from the types before the nodes."""
     starts = np.empty(count + 1, dtype=np.int64)
     place, values = 0, connectivity.tolist()
     for element in range(count):
@@ -174,7 +174,7 @@ def _walked(section: Node, connectivity: Integers, count: int) -> Integers:
 
 
 def _parents(section: Node, count: int) -> Integers | None:
-    """(count, 2) the cells on both sides of each face; HDF5 has CGNS' arrays transposed."""
+    """(count, 2) the cells on both sides of each face; HDF5 has the arrays of CGNS transposed."""
     node = section.child("ParentElements")
     if node is None:
         return None

@@ -50,7 +50,7 @@ def join_faces(zone: Node, points: Floats, sections: list[ListedElements]) -> Nu
 def _sides(
     zone: Node, cells: list[ListedElements], polygons: list[ListedElements], numbers: Integers, rows: Integers
 ) -> Integers:
-    """(f, 2) for each face the cell that its normal points out of and the cell that it points into; -1 for none.
+    """(f, 2) for each face the cell from which its normal points and the cell to which it points; -1 for none.
 
     ``numbers`` (f,) are the element numbers of the faces, ascending; ``rows`` (f,) are the corresponding faces.
     """

@@ -1,7 +1,8 @@
-"""Structured zones of CGNS, one or many: each is a block of hexahedra or quadrilaterals, and blocks become one mesh.
+"""Structured zones of CGNS, one or several: each is a block of hexahedra or quadrilaterals; all blocks become one mesh.
 
-Nodes that ``GridConnectivity1to1_t`` pairs are one node, but those of a periodic pair. In a file of several zones
-without these, such as one of blocks that were split by another program, nodes of two zones at one place are one node.
+Nodes that ``GridConnectivity1to1_t`` pairs become one node, except periodic pairs. In a file with several zones but
+without such connections, for example with blocks that another program split, nodes of two zones at one place become one
+node.
 
 https://cgns.github.io/CGNS_docs_current/sids/cnct.html
 """
@@ -66,7 +67,7 @@ def read_structured(path: Path, base: Node, zones: list[Node], points: list[Floa
     Raises
     ------
     InvalidInput
-        For conditions and connections that name what is not there.
+        For conditions and connections that name missing items.
     """
     pieces = []
     for block in _blocks(zones, points):
@@ -78,7 +79,7 @@ def read_structured(path: Path, base: Node, zones: list[Node], points: list[Floa
         pieces.append(VtkPiece(block.points, {_NAMES[code]: nodes}, concatenated(patches)))
     number, notes = numbering(path, zones, points)
     whole = np.empty((int(number.max()) + 1, points[0].shape[1]))
-    whole[number[::-1]] = np.concatenate(points)[::-1]  # the first of several nodes counts
+    whole[number[::-1]] = np.concatenate(points)[::-1]  # of several nodes the first one counts
     one = renumbered(pieces, number, whole)
     mesh = assemble(path, whole, one.cells, {str(name): nodes for (_, name), nodes in one.patches.items()})
     return replace(mesh, notes=(*mesh.notes, *notes))
@@ -91,7 +92,7 @@ def _listed(block: _Block, condition: Node) -> Integers:
     size = len(block.counts)
     if (node := condition.child("PointRange") or condition.child("ElementRange")) is not None:
         low, high = _ends(condition, node.integers(), size)
-        if of_faces:  # a face has the nodes up to the next index, but across the side that it lies in
+        if of_faces:  # a face has the nodes up to the next index, except in the direction across the side
             letter = place.text()[:1] if place is not None else ""
             across = "IJK".find(letter) if letter in "IJK" else int(np.argmax(low == high))
             high = high + (np.arange(size) != across)
@@ -102,7 +103,7 @@ def _listed(block: _Block, condition: Node) -> Integers:
 
 
 def _indices(low: Integers, high: Integers) -> Integers:
-    """(..., dimensions) all indices from ``low`` to ``high``, either of which may be the larger."""
+    """(..., dimensions) all indices from ``low`` to ``high``; either may be the larger one."""
     axes = [np.arange(a, b + (1 if b >= a else -1), 1 if b >= a else -1) for a, b in zip(low, high, strict=True)]
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
 
@@ -115,7 +116,7 @@ def _ends(node: Node, values: Integers, size: int) -> tuple[Integers, Integers]:
 
 
 def numbering(path: Path, zones: list[Node], points: list[Floats]) -> tuple[Integers, list[str]]:
-    """The mesh's node (n,) of each node of all zones one after the other, and notes."""
+    """The mesh's node (n,) of each node of all zones, one zone after the other, and notes."""
     blocks = _blocks(zones, points)
     starts = np.cumsum([0, *map(len, points)])
     by_name = {zone.name: place for place, zone in enumerate(zones)}
@@ -143,7 +144,7 @@ def numbering(path: Path, zones: list[Node], points: list[Floats]) -> tuple[Inte
 
 
 def _paired(link: Node, block: _Block, donor: _Block) -> tuple[Integers, Integers]:
-    """Nodes of a zone and the same nodes of its neighbour; SIDS, section 8.2: the transform's columns are +/- axes."""
+    """Nodes of a zone and the same nodes in its neighbour; SIDS, section 8.2: the transform's columns are +/- axes."""
     size = len(block.counts)
     children = [link.child(name) for name in ("PointRange", "PointRangeDonor", "Transform")]
     if any(child is None for child in children[:2]):

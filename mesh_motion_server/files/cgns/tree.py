@@ -112,7 +112,7 @@ class Node:
         return self._array("f").astype(np.float64).ravel()
 
     def replace(self, values: Floats) -> None:
-        """Overwrite the array, of a file that is open for changes."""
+        """Overwrite the array, in a file that is open for changes."""
         self.group[_DATA][...] = values.reshape(self.group[_DATA].shape)
 
     @property
@@ -120,7 +120,7 @@ class Node:
         return _DATA in self.group
 
     def _array(self, kinds: str) -> NDArray[Any]:
-        """The array; refuse it if its numbers are of other kinds or it is not in the file."""
+        """Return the array; refuse it if its numbers are of another kind, or if it is not in the file."""
         data = self.group.get(_DATA)
         if data is None or not hasattr(data, "dtype"):
             raise self.refused("it has no data")

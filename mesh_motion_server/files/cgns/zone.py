@@ -90,7 +90,7 @@ def _is_structured(zone: Node) -> bool:
 
 
 def _coordinate_nodes(zone: Node) -> list[Node]:
-    """The arrays of x, y and, if there is one, z."""
+    """The arrays of x, y and, if any, z."""
     grid = zone.child("GridCoordinates") or zone.only("GridCoordinates_t", "grids of coordinates")
     found = [node for axis in _AXES if (node := grid.child(axis)) is not None]
     if [node.name for node in found] not in (list(_AXES[:2]), list(_AXES)):
@@ -148,17 +148,20 @@ def _dimension(part: Elements) -> int:
 
 
 def _patch_key(name: str, dimension: int) -> PatchKey:
-    """Gmsh writes a group without a name as the family of its number; it counts curves and surfaces apart."""
+    """The key of a group.
+
+    Gmsh writes a group without a name as the family of its number; it numbers curves and surfaces separately.
+    """
     return dimension, int(name) if name.isdecimal() and str(int(name)) == name else name
 
 
 def _numbers(parts: list[Elements]) -> Integers:
-    """The numbers of all their elements."""
+    """The numbers of all elements of these sections."""
     return np.concatenate([np.empty(0, dtype=np.int64), *(part.numbers for part in parts)])
 
 
 def _patches(nodes_of: dict[str, list[Integers]]) -> dict[str, Integers]:
-    """Nodes of each patch that has any."""
+    """The nodes of each patch that is not empty."""
     joined = {name: np.concatenate(parts) for name, parts in nodes_of.items() if parts}
     return {name: nodes for name, nodes in joined.items() if len(nodes)}
 

@@ -1,8 +1,8 @@
 """Gmsh's MSH format, versions 2.2 and 4.1, ASCII and binary. Physical groups of lower dimension become patches.
 
-The binary and the ASCII form of a section hold the same values in the same order, so both are read through one
+The binary and the ASCII form of a section have the same values in the same order, so both are read through
 :class:`Values`. An element may belong to several physical groups; a group without a name becomes the patch ``"<tag>"``,
-or ``"curve_<tag>"`` if a surface has the same number: curves and surfaces are numbered apart.
+or ``"curve_<tag>"`` if a surface has the same number: curves and surfaces are numbered separately.
 
 http://gmsh.info/doc/texinfo/gmsh.html#MSH-file-format
 """
@@ -30,7 +30,7 @@ __all__ = ["GMSH", "read_gmsh"]
 
 _VERTEX = 15
 _TYPES = {1: "line", 2: "triangle", 3: "quad", 4: "tetra", 5: "hexahedron", 6: "wedge", 7: "pyramid"}
-#: Second order: the corners come first, and so many nodes are there in all.
+#: Second order: the corners come first; total number of nodes.
 _SECOND = {8: ("line", 3), 9: ("triangle", 6), 10: ("quad", 9), 11: ("tetra", 10), 12: ("hexahedron", 27),
            13: ("wedge", 18), 14: ("pyramid", 14), 16: ("quad", 8), 17: ("hexahedron", 20), 18: ("wedge", 15),
            19: ("pyramid", 13)}  # fmt: skip
@@ -54,7 +54,7 @@ class _Block:
 
     @property
     def corners(self) -> Integers:
-        """(m, c) the corners of the cells, without the nodes between them of cells of higher order."""
+        """(m, c) the corners of the cells, without the middle nodes of cells of higher order."""
         return self.nodes[:, : CELL_TYPES[self.name].n_nodes] if self.name else self.nodes
 
 
@@ -178,7 +178,7 @@ def _read_elements_41(content: _Content, values: Values) -> None:
 
 
 def _require_count(what: str, announced: int, read: int) -> None:
-    """Refuse a section with another number of items than it announces."""
+    """Refuse a section whose number of items differs from the announced number."""
     if announced != read:
         raise ValueError(f"it announces {announced} {what}, but has {read}")
 
@@ -194,7 +194,7 @@ def _read_nodes_22(content: _Content, values: Values) -> None:
 
 
 def _read_parametric_nodes_22(content: _Content, values: Values) -> None:
-    """$ParametricNodes, for $Nodes: after the coordinates the entity of each node, and its parameters there."""
+    """$ParametricNodes instead of $Nodes: the entity of each node, and its parameters, come after the coordinates."""
     count = values.text_count()
     content.tags, content.points = np.empty(count, dtype=np.int64), np.empty((count, 3))
     for row in range(count):
@@ -237,7 +237,7 @@ _READERS_22 = {
     b"ParametricNodes": _read_parametric_nodes_22,
     b"Elements": _read_elements_22,
 }
-#: Sections that say nothing of nodes, cells and groups.
+#: Sections without nodes, cells and groups.
 _OTHER_SECTIONS = {
     b"Comments",
     b"ElementData",

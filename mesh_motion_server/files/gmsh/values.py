@@ -106,7 +106,7 @@ class AsciiValues:
 
 
 def _leading(matches: Marks) -> int:
-    """How many values at the front are true."""
+    """Number of values at the front that are true."""
     if matches.all():
         return max(1, len(matches))
     return int(np.argmin(matches))

@@ -130,7 +130,7 @@ class FoamFile:
         self.path.write_bytes(gzip.compress(content) if self.path.suffix == ".gz" else content)
 
     def faces(self) -> tuple[Integers, Integers]:
-        """The content as faces: (f + 1,) where the points of each face begin, and the points of all faces."""
+        """The content as faces: (f + 1,) start of each face's points, and the points of all faces."""
         if self.kind == "faceCompactList":
             return self._compact_faces()
         if self.binary:
@@ -153,7 +153,7 @@ class FoamFile:
         return starts, np.delete(flat, counts)
 
     def _compact_faces(self) -> tuple[Integers, Integers]:
-        """Two lists: where each face begins, and the points."""
+        """Read two lists: the start of each face, and the points."""
         size = len(self.body)
         if self.binary:
             starts, end = self._binary(0, self.label, 1, size)
@@ -178,7 +178,7 @@ class FoamFile:
     def _binary(
         self, start: int, dtype: np.dtype[np.generic], width: int, at_most: int
     ) -> tuple[NDArray[np.generic], int]:
-        """(n, width) the binary list at or after ``start``, and where it ends."""
+        """(n, width) the binary list at or after ``start``, and its end."""
         gap = _GAP.match(self.body, start)
         found = _COUNT.match(self.body, gap.end() if gap else start)
         if found is None:
@@ -247,7 +247,8 @@ _BLANKS = bytes.maketrans(b"()", b"  ")
 
 
 def dictionaries(file: FoamFile) -> list[tuple[str, dict[str, str]]]:
-    """The named dictionaries of a list ``n ( name { key value; … } … )``. The count is optional; nested ones drop out.
+    """The named dictionaries of a list ``n ( name { key value; … } … )``. The count is optional; nested dictionaries
+    are left out.
 
     Raises
     ------

@@ -1,9 +1,9 @@
-"""Two-dimensional meshes of OpenFOAM: one layer of cells between empty or wedge patches becomes a mesh in the plane.
+"""Two-dimensional meshes of OpenFOAM: one layer of cells between empty or wedge patches becomes a 2D mesh.
 
 As in the motion solver for OpenFOAM (adapters/openfoam): the points of the plane with the larger coordinate are the
-nodes, and its faces are the cells. A point of the other plane belongs to the node that it shares an edge with; a point
-of both, on the axis of an axisymmetric mesh, is a node of the patch that has the name of the first wedge patch. A face
-of more than four points becomes triangles around a node in its middle.
+nodes, and its faces are the cells. A point of the other plane belongs to the node with which it shares an edge. A point
+of both planes, on the axis of an axisymmetric mesh, is a node of the patch with the name of the first wedge patch. A
+face of more than four points becomes triangles around a node in its middle.
 """
 
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ _NO_COMPONENT = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Plane:
-    """A mesh in the plane.
+    """A 2D mesh.
 
     Attributes
     ----------
@@ -50,7 +50,7 @@ class Plane:
 
 @np.errstate(all="ignore")
 def plane_axes(mesh: FaceMesh) -> tuple[int, ...]:
-    """The coordinates in which points may move: (0, 1, 2), or the two of a plane.
+    """The coordinates in which points may move: (0, 1, 2), or the two coordinates of a plane.
 
     Raises
     ------
@@ -61,7 +61,7 @@ def plane_axes(mesh: FaceMesh) -> tuple[int, ...]:
     areas = np.zeros(3)
     for patch in wedges:
         own = mesh.areas_and_centres[0][mesh.boundary_faces(patch)].sum(axis=0)
-        areas += np.sign(own[np.argmax(np.abs(own))]) * own  # what the two sides have in common is across their middle
+        areas += np.sign(own[np.argmax(np.abs(own))]) * own  # the common nodes of the two sides are at their middle
     if wedges and (len(wedges) != 2 or np.count_nonzero(np.abs(areas) > _NO_COMPONENT * np.abs(areas).max()) != 1):
         raise InvalidInput(
             f"{mesh.path}: patch {wedges[0].name!r} is of type wedge: there must be two such patches, one on each side "
@@ -83,12 +83,12 @@ def plane_axes(mesh: FaceMesh) -> tuple[int, ...]:
 
 
 def project(mesh: FaceMesh, axes: tuple[int, ...]) -> Plane:
-    """Project the layer of cells to a mesh in the plane of two axes.
+    """Project the layer of cells onto a 2D mesh in the plane of two axes.
 
     Raises
     ------
     InvalidInput
-        If it is not one layer of cells, with every point on one of its two sides.
+        If the mesh is not one layer of cells with every point on one of its two sides.
     """
     (thin,) = {0, 1, 2} - set(axes)
     kinds = [mesh.boundary_faces(patch) for patch in mesh.patches if patch.kind in ("empty", "wedge")]
@@ -115,7 +115,7 @@ def project(mesh: FaceMesh, axes: tuple[int, ...]) -> Plane:
 
 
 def _points_of(mesh: FaceMesh, faces: Integers) -> Marks:
-    """(p,) whether each point is one of these faces'."""
+    """(p,) whether each point belongs to one of these faces."""
     found = np.zeros(len(mesh.points), dtype=bool)
     for face in faces:
         found[mesh.face(int(face))] = True
@@ -123,7 +123,7 @@ def _points_of(mesh: FaceMesh, faces: Integers) -> Marks:
 
 
 def _edges_across(mesh: FaceMesh, in_front: Marks, behind: Marks) -> Integers:
-    """(k, 2) the point in front and the point behind of each edge between the planes."""
+    """(k, 2) the front point and the back point of each edge between the planes."""
     ends = np.arange(1, len(mesh.nodes) + 1)
     ends[mesh.starts[1:] - 1] = mesh.starts[:-1]
     a, b = mesh.nodes, mesh.nodes[ends]

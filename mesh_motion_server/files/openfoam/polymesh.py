@@ -1,8 +1,8 @@
 """OpenFOAM's polyMesh: a case, its ``constant/polyMesh``, or any folder with points, faces, owner, neighbour, boundary.
 
 The reader identifies the cells from their faces (``polyhedra.cells``) and divides polyhedra (``polyhedra.pieces``). One
-layer of cells between empty or wedge patches becomes a mesh in the plane (:mod:`.plane`). The motion solver for
-OpenFOAM does the same. Patches keep their names; empty patches and patches without faces are dropped.
+layer of cells between empty or wedge patches becomes a 2D mesh (:mod:`.plane`). The motion solver for OpenFOAM does the
+same. Patches keep their names; empty patches and patches without faces are dropped.
 """
 
 import re
@@ -115,7 +115,7 @@ def _move(source: Path, target: Path, points: Floats) -> None:
     Raises
     ------
     InvalidInput
-        For an axisymmetric mesh: its nodes are those of a plane.
+        For an axisymmetric mesh, because its nodes are those of a 2D mesh.
     """
     folder = _polymesh_folder(source)
     mesh = read_face_mesh(folder)

@@ -66,7 +66,7 @@ def find_cells(mesh: FaceMesh) -> FoundCells:
 
 
 def _shaped(mesh: FaceMesh, name: str, base: int, cells: Integers) -> tuple[Integers, Marks]:
-    """(m, k) nodes of the cells if they had this type, and (m,) whether they have it."""
+    """(m, k) nodes of the cells if they had this type, and (m,) whether they have this type."""
     n_faces = len(LOCAL_FACETS[name])
     faces = mesh.cell_faces[mesh.cell_starts[cells, None] + np.arange(n_faces)]
     first = np.argmax(mesh.sizes[faces] == base, axis=1)
@@ -96,7 +96,7 @@ def _edges(faces: Integers) -> tuple[Integers, Integers]:
 
 
 def _has_facets(nodes: Integers, faces: Integers, name: str) -> Marks:
-    """(m,) whether the faces (m, f, 4) are those of cells with these nodes; each is a set of bits."""
+    """(m,) whether the faces (m, f, 4) are those of cells with these nodes; each face is a set of bits."""
     bits = np.zeros(faces.shape, dtype=np.int64)
     for local in range(nodes.shape[1]):
         bits |= np.where(faces == nodes[:, local, None, None], 1 << local, 0)

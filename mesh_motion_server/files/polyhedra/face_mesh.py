@@ -1,6 +1,7 @@
 """A mesh that is given by its faces, as in OpenFOAM's polyMesh and CGNS' NGON_n sections.
 
-Each face has an owner cell, which its normal points out of. Inner faces come first and also have a neighbour cell.
+Each face has an owner cell, and its normal points out of this cell. Inner faces come first and also have a neighbour
+cell.
 """
 
 from dataclasses import dataclass
@@ -35,7 +36,7 @@ class FaceMesh:
         The path that it was read from.
     points : (n, 3) array
     starts : (f + 1,) array
-        Where the points of each face begin in ``nodes``.
+        Start of each face's points in ``nodes``.
     nodes : (k,) array
     owner : (f,) array
     neighbour : (i,) array
@@ -151,7 +152,7 @@ class FaceMesh:
 
     @cached_property
     def short(self) -> Integers:
-        """(f, 4) points of the triangles and quadrilaterals; a triangle ends with -1, longer faces are -1 only."""
+        """(f, 4) points of the triangles and quadrilaterals; a triangle ends with -1, longer faces have only -1."""
         table = np.full((self.n_faces, 4), -1, dtype=np.int64)
         for size in (3, 4):
             faces = np.flatnonzero(self.sizes == size)
@@ -164,7 +165,7 @@ class FaceMesh:
 
     @np.errstate(all="ignore")
     def middles(self, faces: Integers) -> Floats:
-        """(k, 3) mean of the points of each face; in a quadrilateral with a reflex corner, of it and its opposite."""
+        """(k, 3) mean of each face's points; in a quadrilateral with a reflex corner, of it and its opposite."""
         out = np.empty((len(faces), 3))
         for size in np.unique(self.sizes[faces]):
             rows = np.flatnonzero(self.sizes[faces] == size)
@@ -186,13 +187,13 @@ class FaceMesh:
         return np.column_stack([self.nodes[begin + place], self.nodes[begin + (place + 1) % counts[rows]]]), rows
 
     def faces_of(self, cells: Integers) -> tuple[Integers, Integers]:
-        """(k,) the faces of the cells, and (k,) the cell of each."""
+        """(k,) the faces of the cells, and (k,) the cell of each face."""
         counts = np.diff(self.cell_starts)[cells]
         places = np.arange(counts.sum()) + np.repeat(self.cell_starts[cells] - np.cumsum(counts) + counts, counts)
         return self.cell_faces[places], np.repeat(cells, counts)
 
     @cached_property
-    @np.errstate(all="ignore")  # absurd coordinates are the mesh check's matter
+    @np.errstate(all="ignore")  # absurd coordinates are refused later, by the mesh check
     def areas_and_centres(self) -> tuple[Floats, Floats]:
         """(f, 3) area vectors and (f, 3) centroids, from triangles about the mean of each face's points."""
         areas, centres = np.empty((self.n_faces, 3)), np.empty((self.n_faces, 3))
@@ -229,16 +230,16 @@ class FaceMesh:
 def from_sides(
     path: Path, points: Floats, nodes: Integers, sizes: Integers, sides: Integers
 ) -> tuple[FaceMesh, Integers]:
-    """The mesh of faces in any order, and the row (f,) of each of its faces among them.
+    """The mesh of faces in any order, and for each of its faces the row (f,) among these.
 
     Inner faces come first; faces that point into their only cell are turned.
 
     Parameters
     ----------
     nodes, sizes : (k,), (f,) arrays
-        The points of all faces, one face after the other, and how many each has.
+        The points of all faces, one face after the other, and the number of points of each face.
     sides : (f, 2) array
-        The cell that the face's normal points out of and the cell that it points into; -1 for none.
+        The cell from which the face's normal points, and the cell to which it points; -1 for none.
 
     Raises
     ------
@@ -261,7 +262,7 @@ def from_sides(
 
 
 def corner_normals(corners: Floats) -> Floats:
-    """(m, k, 3) product of the edges at each corner of polygons (m, k, 3): as long as their parallelogram is large."""
+    """(m, k, 3) cross product of the edges at each corner of polygons (m, k, 3): the area of their parallelogram."""
     return np.cross(np.roll(corners, -1, axis=1) - corners, np.roll(corners, 1, axis=1) - corners)
 
 

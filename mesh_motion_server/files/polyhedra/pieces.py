@@ -1,10 +1,11 @@
 """Divide polyhedra into pieces, as the motion solver for OpenFOAM does (adapters/openfoam).
 
 A polyhedron is divided around a node at its centre: one tetrahedron for each triangle, one pyramid for each
-quadrilateral. A face with more points gets a node in its middle, and there is a tetrahedron for each of its edges. So
-does a quadrilateral with a corner that the centre does not see: snappyHexMesh makes them where it snaps a cell to an
-edge. The cell on the other side of such a face is divided in the same way, even if it is a hexahedron, so the cells
-fit. So is a simple cell with an inverted corner. The mesh's own points keep their numbers; middles and centres follow.
+quadrilateral. A face with more points gets a node in its middle, and there is a tetrahedron for each of its edges. The
+same is done with a quadrilateral that has a corner which the centre does not see: snappyHexMesh makes such faces when
+it snaps a cell to an edge. The cell on the other side of such a face is divided in the same way, even if it is a
+hexahedron, so that the cells fit. A simple cell with an inverted corner is also divided. The mesh's own points keep
+their numbers; middles and centres follow.
 """
 
 from dataclasses import dataclass
@@ -20,10 +21,11 @@ from mesh_motion_server.files.polyhedra.face_mesh import FaceMesh, corner_normal
 __all__ = ["Pieces", "divide"]
 
 _QUAD = 4  # points of a quadrilateral
-#: Depths of an inner point below a cell's faces that are tried, in sizes of the cell; steps for each, their length.
+#: Depths of an inner point below a cell's faces that are tried, in sizes of the cell; number of steps for each; their
+#: length.
 _DEPTHS = 0.1 * 0.5 ** np.arange(10.0)
 _STEPS, _BEYOND = 200, 1.9
-_ROUNDING = 1e-12  # a determinant that is this share of the cell's largest may be 0
+_ROUNDING = 1e-12  # a determinant of at most this share of the cell's largest may be 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +47,7 @@ class Pieces:
     middles: Integers
 
     def facets(self, mesh: FaceMesh, faces: Integers) -> dict[str, Integers]:
-        """{type: (m, k)} the facets that these faces are divided into."""
+        """{type: (m, k)} the facets into which these faces are divided."""
         split = self.middles[faces] >= 0
         whole = np.where(split, 0, mesh.sizes[faces])
         found = {name: mesh.short[faces[whole == k], :k] for name, k in (("triangle", 3), ("quad", _QUAD))}
@@ -56,7 +58,7 @@ class Pieces:
 
 
 def divide(mesh: FaceMesh, found: FoundCells) -> Pieces:
-    """Divide the polyhedra, and the simple cells that they or their own shape require.
+    """Divide the polyhedra, and also simple cells if their shape or a neighbouring polyhedron requires it.
 
     Raises
     ------
@@ -97,17 +99,17 @@ def _crossed(mesh: FaceMesh, found: FoundCells) -> Integers:
 
 
 def _nonpositive(determinants: Floats) -> Marks:
-    """Whether one of the determinants (m, k) of a cell is not positive, but for rounding."""
+    """Whether one of the determinants (m, k) of a cell is not positive, up to rounding."""
     least: Marks = determinants.min(axis=1) <= _ROUNDING * np.abs(determinants).max(axis=1)
     return least
 
 
 @np.errstate(all="ignore")
 def _hidden(mesh: FaceMesh, cells: Integers, centres: Floats) -> tuple[Integers, Integers]:
-    """The quadrilaterals of these cells to be split, and the cells of which the centre does not see all triangles.
+    """The quadrilaterals of these cells to be split, and the cells whose centre does not see all triangles.
 
-    A quadrilateral is split where a corner is not seen. If a triangle is not seen, a face or part of a split one, all
-    quadrilaterals of the cell are split: what another point sees of them is then a matter of triangles.
+    A quadrilateral is split if a corner is not seen. If a triangle is not seen (a face or a part of a split face), all
+    quadrilaterals of the cell are split: then for another point only triangles must be tested.
     """
     faces, own = mesh.faces_of(cells)
     quads = np.flatnonzero(mesh.sizes[faces] == _QUAD)
@@ -123,7 +125,7 @@ def _hidden(mesh: FaceMesh, cells: Integers, centres: Floats) -> tuple[Integers,
 
 
 def _fan_planes(mesh: FaceMesh, faces: Integers, cells: Integers) -> tuple[Floats, Floats, Integers]:
-    """Of the triangles from the edges of faces to their middles: inward normals, corners and rows of the faces."""
+    """Triangles from the edges of faces to their middles: inward normals, corners, and rows of the faces."""
     edges, rows = mesh.edges(faces)
     middles = mesh.middles(faces)
     corners = mesh.points[edges[:, 0]]
@@ -134,15 +136,15 @@ def _fan_planes(mesh: FaceMesh, faces: Integers, cells: Integers) -> tuple[Float
 
 @np.errstate(all="ignore")
 def _seeing_all(mesh: FaceMesh, cell: int, centre: Floats) -> Floats:
-    """A point of a cell that is inside the triangles of all its faces, and deep if there is such a one.
+    """A point of a cell that is inside the triangles of all its faces, and deep inside if possible.
 
-    From the centre it steps across the plane that it is furthest outside of: the relaxation method of Motzkin and
-    Schoenberg (Canadian Journal of Mathematics 6, 1954), as in the motion solver for OpenFOAM.
+    From the centre, each step crosses the plane of which the point is farthest outside: the relaxation method of
+    Motzkin and Schoenberg (Canadian Journal of Mathematics 6, 1954), as in the motion solver for OpenFOAM.
 
     Raises
     ------
     InvalidInput
-        If none is found: the cell hides a part of its faces from all its points.
+        If no such point is found: each point of the cell misses a part of its faces.
     """
     faces, own = mesh.faces_of(np.array([cell]))
     normals, corners, rows = _fan_planes(mesh, faces, own)

@@ -1,4 +1,4 @@
-"""Cells of a plane that are given by their edges: triangles, quadrilaterals, and fans of triangles for others."""
+"""2D cells that are given by their edges: triangles, quadrilaterals, and fans of triangles for others."""
 
 import numpy as np
 from mesh_motion_numerics.arrays import Floats, Integers
@@ -7,9 +7,9 @@ __all__ = ["polygons"]
 
 
 def polygons(points: Floats, edges: Integers, cells: Integers) -> tuple[Floats, dict[str, Integers]]:
-    """Points and cells (triangles and quadrilaterals) of a plane.
+    """Points and cells (triangles and quadrilaterals) of a 2D mesh.
 
-    A cell of more than four edges becomes triangles around a node in its middle, which is added behind the points.
+    A cell of more than four edges becomes triangles around a node in its middle, which is added after the points.
 
     Parameters
     ----------

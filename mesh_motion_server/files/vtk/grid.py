@@ -1,4 +1,4 @@
-"""What a file of VTK holds: points, cells of all types in one list, and named arrays on both."""
+"""The content of a VTK file: points, cells of all types in one list, and named arrays on both."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ __all__ = ["KNOWN_TYPES", "VtkGrid", "structured_cells"]
 
 Arrays = dict[str, NDArray[np.generic]]
 
-#: Our type, and which nodes are its corners, of VTK's type numbers. Cells of higher order have their corners first.
+#: Our type, and the places of the corners, for VTK's type numbers. Cells of higher order have their corners first.
 _CORNERS = {"line": 2, "triangle": 3, "quad": 4, "tetra": 4, "hexahedron": 8, "wedge": 6, "pyramid": 5}
 _FIRST = {3: "line", 5: "triangle", 9: "quad", 10: "tetra", 12: "hexahedron", 13: "wedge", 14: "pyramid"}
 _HIGHER = {
@@ -19,11 +19,11 @@ _HIGHER = {
     29: "hexahedron", 30: "quad", 31: "wedge", 32: "wedge", 33: "hexahedron", 34: "triangle", 35: "line", 37: "pyramid",
     68: "line", 69: "triangle", 70: "quad", 71: "tetra", 72: "hexahedron", 73: "wedge", 74: "pyramid",
 }  # fmt: skip
-#: Our type of VTK's type numbers whose corners come first.
+#: Our type for VTK's type numbers whose corners come first.
 KNOWN_TYPES = _FIRST | _HIGHER
 _ALIGNED = {8: ("quad", [0, 1, 3, 2]), 11: ("hexahedron", [0, 1, 3, 2, 4, 5, 7, 6])}  # pixel, voxel
 _BOX = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)]
-_VERTICES = (0, 1, 2)  # no cell, a vertex, several
+_VERTICES = (0, 1, 2)  # no cell, a vertex, several vertices
 _OTHERS = {
     4: "polylines",
     6: "triangle strips",
@@ -45,7 +45,7 @@ class VtkGrid:
     types : (m,) array
         VTK's type number of each cell.
     offsets, connectivity : (m + 1,), (k,) arrays
-        Where the nodes of each cell begin, and the nodes.
+        Start of each cell's nodes, and the nodes.
     point_arrays, cell_arrays : dict of str to (n,) | (n, c), (m,) | (m, c) arrays
 
     Raises
@@ -76,7 +76,7 @@ class VtkGrid:
                     raise ValueError(f"array {name!r} has {len(values)} rows, but there are {count} {what}")
 
     def cells(self) -> list[tuple[str, Integers, Integers]]:
-        """Our type's name, rows (m,) among all cells, and corner nodes (m, k), of each type of cell.
+        """Yield our type's name, rows (m,) among all cells, and corner nodes (m, k), of each type of cell.
 
         Raises
         ------
@@ -100,12 +100,12 @@ class VtkGrid:
 
     @property
     def is_higher(self) -> Marks:
-        """(m,) which cells have nodes between their corners."""
+        """(m,) whether each cell has nodes between its corners."""
         return np.isin(self.types, list(_HIGHER))
 
 
 def structured_cells(counts: Sequence[int]) -> tuple[int, Integers]:
-    """VTK's type and nodes (m, k) of the cells of a block of ``counts`` nodes in each direction, the first fastest."""
+    """VTK's type and nodes (m, k) of the cells in a block of ``counts`` nodes per direction, the first fastest."""
     sides = [count for count in counts if count > 1]
     number = np.arange(int(np.prod(sides, dtype=np.int64))).reshape(sides[::-1]).T
     parts = [

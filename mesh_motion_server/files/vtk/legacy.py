@@ -26,7 +26,7 @@ _WIDTHS = {"VECTORS": 3, "NORMALS": 3, "TENSORS": 9, "TENSORS6": 6, "GLOBAL_IDS"
 
 @dataclass(eq=False)
 class Legacy:
-    """The content read so far; ``places`` of the points, if the file lists them."""
+    """The content read so far; ``places`` of the points, if the file lists the points."""
 
     kind: str = ""
     counts: list[int] = field(default_factory=list)
@@ -129,7 +129,7 @@ def _read_structure(file: "_Cursor", content: Legacy, key: str, words: list[str]
 
 
 def _read_cells(file: "_Cursor", count: int, size: int) -> tuple[Integers, Integers]:
-    """Where the nodes of each cell begin, and the nodes."""
+    """The start of each cell's nodes, and the nodes."""
     begin = file.position
     words = file.line().split()
     if words[:1] == ["OFFSETS"]:
@@ -181,7 +181,7 @@ class _Cursor:
         self.binary = False
 
     def line(self, *, blank: bool = False) -> str:
-        """The next line that is not blank, or the next one; "" at the end of the file."""
+        """The next line that is not blank, or just the next one; "" at the end of the file."""
         while self.position < len(self._data):
             end = self._data.find(b"\n", self.position)
             end = len(self._data) if end < 0 else end
@@ -197,7 +197,7 @@ class _Cursor:
             pass
 
     def place(self, count: int, kind: str) -> Place:
-        """The place of ``count`` points that follow; of text, where it begins."""
+        """The place of ``count`` points that follow; for text, its begin."""
         if self.binary:
             dtype = np.dtype(">" + _TYPES[kind.lower()])
             return Place(count, self.position, 3 * dtype.itemsize, dtype=dtype.str)

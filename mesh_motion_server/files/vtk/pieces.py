@@ -1,8 +1,8 @@
 """Pieces of a VTK mesh: the parts of a parallel run, in one ``.vtu`` or in the files that a ``.pvtu`` lists.
 
-Each piece has its own nodes, so those on common sides are repeated. Nodes of two pieces at one place are one node. The
-mesh has the nodes in the order of the pieces, each at its first place. Ghost cells, which are cells of another piece,
-are left out.
+Each piece has its own nodes, so nodes on common sides are repeated. Nodes of two pieces at one place become one node.
+The mesh has the nodes in the order of the pieces, each at its first occurrence. Ghost cells, which belong to another
+piece, are left out.
 
 https://docs.vtk.org/en/latest/design_documents/VTKFileFormats.html
 """
@@ -60,7 +60,7 @@ def sources(path: Path) -> list[Path]:
 
 
 def joined(path: Path, pieces: Sequence[VtkPiece]) -> tuple[VtkPiece, list[str]]:
-    """One mesh of all pieces, and a note of what was joined.
+    """Join all pieces to one mesh; return it and a note about the joined nodes.
 
     Raises
     ------
@@ -77,7 +77,7 @@ def joined(path: Path, pieces: Sequence[VtkPiece]) -> tuple[VtkPiece, list[str]]
 
 
 def renumbered(pieces: Sequence[VtkPiece], number: Integers, points: Floats) -> VtkPiece:
-    """All pieces in one, with the ``points``; ``number`` (n,) is the new number of each node, piece after piece."""
+    """All pieces in one mesh with ``points``; ``number`` (n,) is the new number of each node, piece after piece."""
     cells: dict[str, list[Integers]] = defaultdict(list)
     patches: dict[PatchKey, list[Integers]] = defaultdict(list)
     start = 0

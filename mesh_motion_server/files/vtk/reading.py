@@ -1,11 +1,11 @@
 """VTK's legacy and XML meshes.
 
-These formats have no patches. They are taken from arrays, first of all from those with agreed names:
+These formats have no patches. Patches are made from arrays with these names:
 
 - ``patch_<name>`` on points or cells: nonzero marks the patch ``<name>`` (this project's writer uses it);
 - whole numbers on the cells of lower dimension than the mesh, the faces of a 3D mesh and the edges of a 2D mesh, in one
-  of :data:`NUMBERED_PATCH_ARRAYS`, which other programs and their converters write: each value is the patch of that
-  name; one of curves is ``"curve_v"`` if one of surfaces has the same number;
+  of :data:`NUMBERED_PATCH_ARRAYS`, which other programs and their converters write: each value is the patch with that
+  name; a patch of curves is ``"curve_v"`` if a patch of surfaces has the same number;
 - the same array on points, if no such cells have it.
 """
 
@@ -33,7 +33,8 @@ from mesh_motion_server.files.vtk.xml import read_xml
 __all__ = ["NUMBERED_PATCH_ARRAYS", "PATCH_PREFIX", "VTK", "VTU", "grids_as_mesh"]
 
 PATCH_PREFIX = "patch_"
-#: Arrays of numbers that name patches; the first one that is there counts. Behind it the program that writes it.
+#: Arrays of numbers that name patches; the first existing one is used. The comment after each names the program that
+#: writes it.
 NUMBERED_PATCH_ARRAYS = {
     "patch": "this project's",
     "gmsh:physical": "Gmsh, by meshio",
@@ -45,9 +46,9 @@ NUMBERED_PATCH_ARRAYS = {
     "ObjectId": "Exodus' sets, by ParaView",
     "gmsh:geometrical": "Gmsh, by meshio: surfaces and curves of the geometry",
 }
-#: Our type's name, rows (m,) among all cells, and corner nodes (m, k), of each type of cell of a grid.
+#: Our type's name, rows (m,) among all cells, and corner nodes (m, k), for each cell type of a grid.
 Listed = list[tuple[str, Integers, Integers]]
-#: VTK's array of flags, and the flag of a cell that another piece has, too.
+#: VTK's array of flags, and the flag of a cell that another piece also has.
 _GHOSTS, _DUPLICATE = "vtkGhostType", 1
 
 
@@ -117,7 +118,7 @@ def grids_as_mesh(path: Path, read: Callable[[Path], list[VtkGrid]], files: list
 
 
 def _no_patches(grids: list[VtkGrid]) -> list[str]:
-    """What the file has instead of patches."""
+    """Describe the arrays in the file, if it has no patches."""
     found = {
         what: sorted({repr(name) for grid in grids for name in getattr(grid, f"{what}_arrays")})
         for what in ("point", "cell")
@@ -142,7 +143,7 @@ def _require_alike(path: Path, grids: list[VtkGrid]) -> None:
 
 
 def _kept(grid: VtkGrid, cells: Listed, *, ghosts: bool) -> dict[str, Integers]:
-    """The cells of a grid; without ghost cells unless ``ghosts``."""
+    """The cells of a grid, without ghost cells unless ``ghosts`` is true."""
     flags = grid.cell_arrays.get(_GHOSTS)
     kept = np.ones(len(grid.types), bool)
     if flags is not None and not ghosts and flags.dtype.kind in "iu":
@@ -154,7 +155,7 @@ def _kept(grid: VtkGrid, cells: Listed, *, ghosts: bool) -> dict[str, Integers]:
 
 
 def _patches(grids: list[VtkGrid], listed: list[Listed], dimension: int) -> list[dict[PatchKey, Integers]]:
-    """Of each grid, {name or group: (p,) node ids, with repeats}; one array of numbers counts for all of them."""
+    """For each grid, {name or group: (p,) node ids, with repeats}; one array of numbers is used for all grids."""
     facets = [_facets(grid, cells, dimension) for grid, cells in zip(grids, listed, strict=True)]
     found = [_named(grid, own) for grid, own in zip(grids, facets, strict=True)]
     for name in NUMBERED_PATCH_ARRAYS:
@@ -173,7 +174,7 @@ def _facets(grid: VtkGrid, cells: Listed, dimension: int) -> list[tuple[int, Int
 
 
 def _named(grid: VtkGrid, facets: list[tuple[int, Integers]]) -> dict[PatchKey, Integers]:
-    """Patches of the arrays with their names."""
+    """Patches from arrays named after them."""
     found: dict[PatchKey, list[Integers]] = defaultdict(list)
     for name, values in _flat(grid.point_arrays).items():
         if name.startswith(PATCH_PREFIX):
@@ -188,7 +189,7 @@ def _named(grid: VtkGrid, facets: list[tuple[int, Integers]]) -> dict[PatchKey, 
 def _numbered(
     name: str, grid: VtkGrid, facets: list[tuple[int, Integers]], dimension: int
 ) -> dict[PatchKey, Integers] | None:
-    """Groups of the array of numbers of this name; None if it marks nothing here."""
+    """Groups from the array of numbers with this name; None if it marks no cell or point here."""
     on_cells, on_points = _numbers(grid.cell_arrays, name), _numbers(grid.point_arrays, name)
     marked: list[tuple[int, Integers, Integers | None]] = []
     if on_cells is not None:
@@ -204,18 +205,18 @@ def _numbered(
 
 
 def _flat(arrays: Mapping[str, NDArray[np.generic]]) -> dict[str, NDArray[np.generic]]:
-    """The arrays of one value a row."""
+    """The arrays with one value for each row."""
     return {name: values.ravel() for name, values in arrays.items() if values.size == len(values)}
 
 
 def _numbers(arrays: Mapping[str, NDArray[np.generic]], name: str) -> Integers | None:
-    """An array of whole numbers, one a row."""
+    """An array of whole numbers, one for each row."""
     values = _flat(arrays).get(name)
     return values.astype(np.int64) if values is not None and values.dtype.kind in "iu" else None
 
 
 def _nodes_of(grid: VtkGrid, rows: Integers) -> Integers:
-    """All nodes of some cells, also those between corners."""
+    """All nodes of some cells, including those between corners."""
     counts = np.diff(grid.offsets)[rows]
     starts = np.repeat(grid.offsets[rows] - np.cumsum([0, *counts[:-1]])[: len(rows)], counts)
     nodes: Integers = grid.connectivity[starts + np.arange(int(counts.sum()))]

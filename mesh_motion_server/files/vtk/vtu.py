@@ -8,7 +8,7 @@ https://docs.vtk.org/en/latest/design_documents/VTKFileFormats.html
 
 import re
 from collections.abc import Mapping
-from html import escape  # xml.sax.saxutils has the same and imports the web
+from html import escape  # xml.sax.saxutils has the same function, but imports network modules
 from pathlib import Path
 from typing import BinaryIO
 
@@ -23,7 +23,7 @@ __all__ = ["Data", "VtuSeries", "write_vtu"]
 
 Data = Mapping[str, NDArray[np.generic]]
 
-#: Characters that XML cannot hold, escaped or not.
+#: Characters that XML cannot contain, escaped or not.
 _NOT_IN_XML = re.compile("[^\\t\\n\\r\\x20-\\ud7ff\\ue000-\\ufffd\\U00010000-\\U0010ffff]")
 
 _VTK_NAMES = {"f8": "Float64", "f4": "Float32", "i8": "Int64", "i4": "Int32", "u1": "UInt8", "i1": "Int8"}
@@ -68,7 +68,7 @@ def write_vtu(
 
 
 class VtuSeries:
-    """A time series in a folder: ``<name>_0000.vtu``, … and ``<name>.pvd``, which lists those written so far.
+    """A time series in a folder: ``<name>_0000.vtu``, … and ``<name>.pvd``, which lists the files written so far.
 
     Parameters
     ----------

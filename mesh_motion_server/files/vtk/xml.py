@@ -1,4 +1,4 @@
-"""VTK's XML files: unstructured and structured grids, with values as text, in base64, or appended, packed or not.
+"""VTK's XML files: unstructured and structured grids, with values as text, in base64, or appended, compressed or not.
 
 https://docs.vtk.org/en/latest/design_documents/VTKFileFormats.html
 """
@@ -52,7 +52,7 @@ def read_xml(path: Path) -> list[VtkGrid]:
     InvalidInput
         For other kinds of files.
     ValueError
-        For damaged ones; XML errors and those of zlib and lzma pass through.
+        For damaged files; errors of XML, zlib and lzma are passed on.
     """
     raw = path.read_bytes()
     values = _Values(path, raw)
@@ -76,7 +76,7 @@ def _unstructured(values: "_Values", piece: ElementTree.Element) -> VtkGrid:
     if missing:
         raise ValueError(f"its Cells have no {min(missing)}")
     offsets = np.concatenate([[0], cells["offsets"].astype(np.int64)])
-    if cells["connectivity"].size != offsets[-1]:  # before eight bytes are taken for each
+    if cells["connectivity"].size != offsets[-1]:  # check before memory of eight bytes for each is allocated
         raise ValueError(f"cells of {offsets[-1]} nodes, but a connectivity of {cells['connectivity'].size}")
     types, nodes = (cells[name].astype(np.int64) for name in ("types", "connectivity"))
     return _grid(values, piece, _points(values, piece), types, offsets, nodes)
@@ -88,7 +88,7 @@ def _structured(values: "_Values", piece: ElementTree.Element) -> VtkGrid:
         raise ValueError(f"a piece of the extent {piece.get('Extent')!r}, expected six numbers")
     counts = [high - low + 1 for low, high in zip(extent[::2], extent[1::2], strict=True)]
     points = _points(values, piece)
-    if len(points) != math.prod(counts):  # before cells are made of counts that are only announced
+    if len(points) != math.prod(counts):  # check before cells are made from announced counts
         raise ValueError(f"{len(points)} points, but a piece of the extent {piece.get('Extent')!r}")
     code, nodes = structured_cells(counts)
     offsets = nodes.shape[1] * np.arange(len(nodes) + 1)
@@ -130,7 +130,7 @@ class _Values:
             raise ValueError(f"it is packed by {self._compressor}; known are {', '.join(_UNPACKERS)}")
 
     def arrays(self, piece: ElementTree.Element, section: str) -> dict[str, NDArray[np.generic]]:
-        """The arrays of a section of a piece; those of text are left out."""
+        """The arrays of a section of a piece; arrays of text are left out."""
         found = piece.find(section)
         arrays = found.findall("DataArray") if found is not None else []
         named = [(array.get("Name", section), array) for array in arrays if array.get("type") in _TYPES]
@@ -159,9 +159,9 @@ class _Values:
         return self._unpack(self._data[int(array.get("offset", "0")) :], most, coded=self._encoding == "base64")
 
     def _unpack(self, data: bytes, most: int, *, coded: bool) -> bytes:
-        """The values after their header: the count of bytes, or the counts of blocks and of the bytes of each.
+        """Unpack the values after their header: the number of bytes, or the number of blocks and of the bytes of each.
 
-        More than ``most`` bytes are not unpacked.
+        At most ``most`` bytes are unpacked.
         """
         size = self._integer.itemsize
         count = int(np.frombuffer(_taken(data, 0, size, coded=coded), self._integer)[0])

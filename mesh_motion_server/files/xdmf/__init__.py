@@ -1,7 +1,7 @@
 """XDMF, versions 2 and 3: uniform grids and collections of them, with numbers in the file, in HDF5 or in raw files.
 
-XDMF has no patches: they are taken from arrays as those of VTK's files are. A grid of the mesh's points with cells of
-lower dimension, as FEniCS writes its tags, is one of numbered patches whatever its array is called.
+XDMF has no patches: they are made from arrays, as for VTK's files. A grid with the mesh's points and cells of lower
+dimension, as FEniCS writes its tags, has numbered patches under any array name.
 
 https://www.xdmf.org/index.php/XDMF_Model_and_Format
 """

@@ -1,4 +1,4 @@
-"""An XDMF file: its elements with what they include and refer to, and the numbers of its items."""
+"""An XDMF file: its elements with their inclusions and references, and the numbers of its items."""
 
 import re
 from dataclasses import dataclass, field
@@ -21,7 +21,7 @@ _SHORT = {"char": 1, "uchar": 1, "short": 2, "ushort": 2}
 
 @dataclass(eq=False)
 class Document:
-    """An XDMF file, its elements with what they include, and the files of its numbers."""
+    """An XDMF file, its elements with inclusions, and the files of its numbers."""
 
     path: Path
     root: ElementTree.Element
@@ -42,7 +42,7 @@ class Document:
             file.close()
 
     def found(self, path: str) -> list[ElementTree.Element]:
-        """The elements at an XPath as XDMF's references have it."""
+        """The elements at an XPath in the form of XDMF's references."""
         place = re.sub(r"^(xpointer|element)\((.*)\)$", r"\2", path.strip())
         choice = _CHOICE.search(place)
         tags = re.findall(r"self::(\w+)", choice[1]) if choice else []
@@ -58,11 +58,11 @@ class Document:
         return found
 
     def children(self, parent: ElementTree.Element, tag: str) -> list[ElementTree.Element]:
-        """Elements of a kind in another one, included ones too."""
+        """Elements of a kind inside another element, including inclusions."""
         found = []
         for child in parent:
             listed = [child]
-            if child.tag == _INCLUDE:  # of several at its place XDMF takes the first
+            if child.tag == _INCLUDE:  # of several elements in one place, XDMF uses the first
                 listed = self.found(child.get("xpointer", ""))
                 listed = listed if len({one.tag for one in listed}) == len(listed) else listed[:1]
             elif child.get("Reference"):
@@ -105,7 +105,7 @@ class Document:
         return values.reshape(shape)
 
     def file_of_numbers(self, name: str) -> Path:
-        """A file of numbers that this one names."""
+        """A file of numbers that this file names."""
         place = self.path.parent / name
         if not place.is_file():
             raise ValueError(f"there is no {place}, which has its numbers")

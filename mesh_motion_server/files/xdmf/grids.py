@@ -21,7 +21,8 @@ from mesh_motion_server.files.xdmf.document import Document, item_type, kind_of
 
 __all__ = ["WIDTHS", "by_points", "read"]
 
-#: Number in mixed topologies, VTK's number, and nodes of an element (None: the file says it), by XDMF's name.
+#: Number in mixed topologies, VTK's number, and number of nodes of an element (None: given in the file), by XDMF's
+#: name.
 _TYPES: dict[str, tuple[int, int, int | None]] = {
     "polyvertex": (1, 2, None), "polyline": (2, 4, None), "triangle": (4, 5, 3), "quadrilateral": (5, 9, 4),
     "tetrahedron": (6, 10, 4), "pyramid": (7, 14, 5), "wedge": (8, 13, 6), "hexahedron": (9, 12, 8),
@@ -42,7 +43,7 @@ _STRUCTURED = re.compile(r"([23])d(s|rect|corect)mesh")
 
 
 def read(path: Path) -> MeshFile:
-    """Read a mesh from ``.xdmf``: of a series in time, the first.
+    """Read a mesh from ``.xdmf``; from a time series, the first step.
 
     Raises
     ------
@@ -58,7 +59,7 @@ def _grids(path: Path) -> list[VtkGrid]:
 
 
 def _uniform(file: Document, parent: ElementTree.Element) -> Iterator[ElementTree.Element]:
-    """The grids in a domain or in a collection, in the order of the file; of one in time, those of its first step."""
+    """The grids in a domain or a collection, in the order of the file; from a time series, those of the first step."""
     for grid in file.children(parent, "Grid"):
         if grid.get("GridType", grid.get("Type", "Uniform")).lower() in ("collection", "tree"):
             in_time = grid.get("CollectionType", "Spatial").lower() == "temporal"
@@ -68,7 +69,7 @@ def _uniform(file: Document, parent: ElementTree.Element) -> Iterator[ElementTre
 
 
 def by_points(file: Document) -> list[tuple[ElementTree.Element, list[ElementTree.Element]]]:
-    """The geometries of the file with the grids on each."""
+    """The geometries of the file, with the grids on each."""
     found: dict[object, tuple[ElementTree.Element, list[ElementTree.Element]]] = {}
     for domain in file.root.iter("Domain"):
         for grid in _uniform(file, domain):
@@ -87,14 +88,14 @@ def _one(file: Document, grid: ElementTree.Element, tag: str) -> ElementTree.Ele
 
 
 def _content(file: Document, element: ElementTree.Element) -> object:
-    """What two elements have in common that say the same."""
+    """A key that is equal for two elements with the same meaning."""
     items = [(item.text or "").strip() for item in file.children(element, "DataItem")]
     return kind_of(element), element.get("Dimensions"), *items
 
 
 @dataclass(frozen=True, eq=False)
 class _Grid:
-    """A grid, and what its cells are said by."""
+    """A grid, and the elements that describe its cells."""
 
     grid: VtkGrid
     cells: object
@@ -102,7 +103,7 @@ class _Grid:
 
     @property
     def dimension(self) -> int:
-        """Of the cells."""
+        """Dimension of the cells."""
         return max((_DIMENSIONS.get(code, 3) for code in np.unique(self.grid.types).tolist()), default=0)
 
 
@@ -130,7 +131,7 @@ def _grid(file: Document, geometry: ElementTree.Element, grid: ElementTree.Eleme
 
 
 def _array(file: Document, attribute: ElementTree.Element, count: int, *, on_cells: bool) -> NDArray[Any]:
-    """The numbers of one node or cell a row, where they can name patches; of results, large or computed, zeros."""
+    """The numbers of a node or cell array with one per row, if they can name patches; otherwise zeros."""
     name, items = attribute.get("Name", ""), file.children(attribute, "DataItem")
     scalar = attribute.get("AttributeType", "Scalar").lower() == "scalar"
     kept = on_cells and bool(items) and item_type(items[0]) == "uniform"
@@ -140,7 +141,7 @@ def _array(file: Document, attribute: ElementTree.Element, count: int, *, on_cel
 
 
 def _whole(values: NDArray[Any]) -> NDArray[Any]:
-    """As whole numbers where all are: text may not say that it is of such."""
+    """The array as whole numbers if all values are whole: text files may not give the type."""
     rounded = values.astype(np.int64) if np.isfinite(values).all() else values
     return rounded if values.dtype.kind in "iu" or (rounded == values).all() else values
 
@@ -204,7 +205,7 @@ def _points(file: Document, geometry: ElementTree.Element) -> Floats:
 
 
 def _structured_points(file: Document, geometry: ElementTree.Element, counts: list[int]) -> Floats:
-    """(n, 3) of a block of ``counts`` nodes, the last direction fastest."""
+    """(n, 3) points of a block of ``counts`` nodes, the last direction fastest."""
     kind = kind_of(geometry)
     if kind in WIDTHS:
         return _points(file, geometry)
@@ -222,7 +223,7 @@ def _structured_points(file: Document, geometry: ElementTree.Element, counts: li
 
 
 def _joined(grids: list[_Grid]) -> VtkGrid:
-    """One grid of those on the same points; cells that are there twice, as in the steps of a series, count once."""
+    """One grid from all grids on the same points; repeated cells, as in the steps of a series, count once."""
     kept: dict[object, _Grid] = {}
     for one in grids:
         same = kept.setdefault(one.cells, one)

@@ -18,7 +18,7 @@ __all__ = ["move"]
 
 
 def _texts(data: bytes) -> list[tuple[int, int]]:
-    """Where the text of each item begins and ends in the file, in the order of their beginnings."""
+    """Begin and end of each item's text in the file, in the order of the begins."""
     found: list[list[int]] = []
     open_items: list[list[int]] = []
     parser = expat.ParserCreate()
@@ -43,7 +43,7 @@ def _texts(data: bytes) -> list[tuple[int, int]]:
 
 
 def move(source: Path, target: Path, points: Floats) -> None:
-    """Write the file with other coordinates, and copies of the files of its numbers named like it."""
+    """Write the file with other coordinates, and copies of the files of its numbers, named after it."""
     with closing(Document.of(source)) as file:
         (geometry, *others) = [of for of, _ in by_points(file)]
         if others or kind_of(geometry) not in WIDTHS:
@@ -80,7 +80,7 @@ def move(source: Path, target: Path, points: Floats) -> None:
 
 
 def _named(item: ElementTree.Element) -> tuple[str, str, str]:
-    """The file that has the numbers of an item, ":" and the place in it; "" where they are in the XML itself."""
+    """The file with the numbers of an item, ":" and the place in it; "" if the numbers are in the XML itself."""
     form, text = item.get("Format", "XML").lower(), (item.text or "").strip()
     if form == "hdf":
         name, colon, inner = text.rpartition(":")
@@ -109,7 +109,7 @@ def _copies(file: Document, items: list[ElementTree.Element], target: Path) -> d
 
 
 def _copy(source: Path, target: Path, moved: dict[ElementTree.Element, Floats], width: int) -> None:
-    """Copy a file of numbers with other coordinates in the items that are ``moved``."""
+    """Copy a file of numbers, with other coordinates in the items that are ``moved``."""
     if not moved:
         with replaced_by_name(target) as partial:
             shutil.copyfile(source, partial)

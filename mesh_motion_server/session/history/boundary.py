@@ -1,4 +1,4 @@
-"""The motion of the boundary, step by step: what a replay needs in addition to the mesh and the settings.
+"""The motion of the boundary, step by step: the data that a replay needs in addition to the mesh and the settings.
 
 A segment is a sequence of records, little-endian, each with a head of 40 bytes and a body::
 
@@ -11,11 +11,11 @@ A segment is a sequence of records, little-endian, each with a head of 40 bytes 
     32  8  bytes a row of an input: 8 d
 
 The body of an input contains the displacements of the moving nodes in the frame, doubles, ascending by global id.
-The body of an outcome is the state digest of the committed step. The body of a maker names what computes the steps from
-here on: versions and processor in UTF-8. "Taken up" has no body: the session continues at that step, and a crash lost
-the later steps of the log. The body of a time is that of the step, a double, seconds; there is none where the step has
-no time. An input and its time are written before the commit and the outcome after it: so every answered step has its
-input, and the last input of a step is the valid one.
+The body of an outcome is the state digest of the committed step. The body of a maker names the versions and the
+processor that compute the steps from here on, in UTF-8. "Taken up" has no body: the session continues at that step, and
+a crash lost the later steps of the log. The body of a time is the time of the step, a double, seconds; a step without a
+time has no such record. An input and its time are written before the commit and the outcome after it: so every answered
+step has its input, and the last input of a step is the valid one.
 """
 
 import os
@@ -71,7 +71,7 @@ class BoundaryStep:
     digest : bytes
         State digest of the committed step; empty if it is not known.
     time : float or None
-        Of the step, seconds; None if it is not known.
+        Time of the step, seconds; None if it is not known.
     """
 
     step: int
@@ -83,7 +83,7 @@ class BoundaryStep:
 
 @dataclass(frozen=True, slots=True)
 class _Head:
-    """A record's head, and where its body begins and ends."""
+    """A record's head, and begin and end of its body."""
 
     checksum: int
     step: int
@@ -105,7 +105,8 @@ class BoundaryLog:
     committed : int
         The last step that is known to be committed.
     makers : list of (int, str)
-        Pairs of a first step and what computed the steps from there on; the text is empty if it is not known.
+        Pairs of a first step and the versions and processor that computed the steps from there on; the text is empty if
+        unknown.
     """
 
     def __init__(self, session_folder: Path) -> None:
@@ -166,7 +167,7 @@ class BoundaryLog:
         return self._body(self._outcomes, step)
 
     def time(self, step: int) -> float | None:
-        """Of a step, seconds; None if it is not known."""
+        """Time of a step, seconds; None if it is not known."""
         body = self._body(self._times, step)
         return float(_SECONDS.unpack(body)[0]) if len(body) == _SECONDS.size else None
 
@@ -176,7 +177,7 @@ class BoundaryLog:
         return _NOWHERE not in self._times[: self.steps]
 
     def _body(self, places: "array[int]", step: int) -> bytes:
-        """Of a step's record of a kind; empty if there is none, or it does not verify."""
+        """Body of a step's record of a kind; empty if there is none, or if it does not verify."""
         known = 0 < step <= len(places) and places[step - 1] != _NOWHERE
         found = self._record(places[step - 1]) if known else None
         return found[1] if found else b""
@@ -199,7 +200,7 @@ class BoundaryLog:
         elif head.kind == _TAKEN_UP:
             if _verified(handle, head) is not None:
                 self._drop(head.step + 1)
-        elif head.kind == _INPUT and 0 < head.step <= len(self._inputs) + 1:  # else there is a gap before it
+        elif head.kind == _INPUT and 0 < head.step <= len(self._inputs) + 1:  # otherwise there is a gap before it
             self._drop(head.step)
             self._inputs.append(place)
             self._outcomes.append(_NOWHERE)
@@ -208,41 +209,41 @@ class BoundaryLog:
                 self.makers.append((head.step, self._maker))
 
     def _drop(self, first: int) -> None:
-        """Drop steps from before a restart that the journal does not have."""
+        """Drop steps from before a restart that are not in the journal."""
         del self._inputs[first - 1 :], self._outcomes[first - 1 :], self._times[first - 1 :]
         self.makers = [change for change in self.makers if change[0] < first]
 
 
 def pack_input(step: int, frame: str, rows: bytes, row_bytes: int) -> bytes:
-    """The record of a commit's input; ``rows`` are doubles, ``row_bytes`` of them per node."""
+    """Make the record of a commit's input; ``rows`` are doubles, ``row_bytes`` of them per node."""
     return _pack(step, _INPUT, FRAMES.index(frame), row_bytes, rows)
 
 
 def pack_time(step: int, time: float) -> bytes:
-    """The record of the time of a step, seconds."""
+    """Make the record of the time of a step, seconds."""
     return _pack(step, _TIME, 0, 0, _SECONDS.pack(time))
 
 
 def pack_outcome(step: int, digest: bytes) -> bytes:
-    """The record of the state digest of a committed step."""
+    """Make the record of the state digest of a committed step."""
     return _pack(step, _OUTCOME, 0, 0, digest)
 
 
 def pack_maker(step: int, maker: str) -> bytes:
-    """The record that names what computes the steps from this one on."""
+    """Make the record with the maker of the steps from this one on."""
     return _pack(step, _MAKER, 0, 0, maker.encode())
 
 
 def pack_taken_up(step: int) -> bytes:
-    """The record of a session that continues at a committed step."""
+    """Make the record of a session that continues at a committed step."""
     return _pack(step, _TAKEN_UP, 0, 0, b"")
 
 
 def digest_at(session_folder: Path, step: int) -> bytes:
     """The latest recorded state digest of a step; empty if there is none, or if its input was replaced.
 
-    A worker calls this at each RESUME. It passes over the heads one at a time, because a list of the heads of a whole
-    segment needs more memory than most of what the worker holds.
+    A worker calls this at each RESUME. It reads the heads one at a time, because a list of all heads of a segment would
+    need more memory than most other data of the worker.
 
     """
     digest = b""

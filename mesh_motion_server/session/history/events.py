@@ -84,13 +84,13 @@ def read_events(session_folder: Path) -> Iterator[dict[str, Any]]:
         try:
             file = path.open("rb")
         except FileNotFoundError:
-            continue  # the oldest segment was removed meanwhile
+            continue  # the oldest segment was removed in the meantime
         with file:
             yield from (event for line in file if (event := parse_line(line)) is not None)
 
 
 def last_committed(session_folder: Path) -> tuple[bool, int]:
-    """Whether there are any events, and the step of the latest ``committed`` or ``resumed``, 0 without one."""
+    """Whether there are any events, and the step of the latest ``committed`` or ``resumed``; 0 if there is none."""
     paths = list_segments(session_folder / FOLDER, EVENTS)
     for path in reversed(paths):
         with path.open("rb") as file:
@@ -101,9 +101,9 @@ def last_committed(session_folder: Path) -> tuple[bool, int]:
 
 
 def lines_backwards(file: BinaryIO) -> Iterator[bytes]:
-    """The lines of a file, the last one first; ignores an end without a newline, as a crash leaves it."""
+    """Yield the lines of a file, the last one first; an end without a newline, as after a crash, is ignored."""
     place = file.seek(0, os.SEEK_END)
-    pieces: list[bytes] = []  # of the line whose beginning is not read yet, the last piece first
+    pieces: list[bytes] = []  # the pieces of a line whose beginning is not read yet, the last piece first
     is_whole = False
     while place:
         size = min(_BLOCK, place)
@@ -122,7 +122,7 @@ def lines_backwards(file: BinaryIO) -> Iterator[bytes]:
 
 
 def kept_of(path: Path) -> bytes:
-    """What is kept of a removed segment: the ``built`` line, marked; empty without one."""
+    """The content to keep of a removed segment: the ``built`` line, marked; empty if it has none."""
     with path.open("rb") as file:
         for line in file:
             if _BUILT in line[:_HEAD] and (event := parse_line(line)) is not None:
@@ -146,7 +146,7 @@ def _encoded(content: dict[str, Any]) -> str:
         return _ENCODER.encode(content)
     names = ("standard", "corrected")
     text, once = _ENCODER.encode(content | {"quality": quality | dict.fromkeys(names, 0)}), _ENCODER.encode(summary)
-    for name in names:  # the first match is the key: in a string its quotes would be escaped
+    for name in names:  # the first match is the key, because quotes in a string would be escaped
         text = text.replace(f'"{name}":0', f'"{name}":{once}', 1)
     return text
 

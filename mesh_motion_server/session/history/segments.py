@@ -1,8 +1,8 @@
 """Append-only files; when one is full, the next one is started.
 
 They belong to the one process that holds the session; any process may read them. This module calls the operating
-system directly, not through the journal's ``FileSystem``: the journal's tests simulate losses of power and
-failing disks, and must not include files that nothing depends on.
+system directly, not through the journal's ``FileSystem``: the journal's tests simulate losses of power and failing
+disks, and must not include files of no importance.
 """
 
 import os
@@ -15,16 +15,16 @@ from mesh_motion_server.operation.room import disk_room
 
 __all__ = ["Full", "Segments", "Slow", "list_segments", "require_room"]
 
-#: An append that takes longer than this, plus the seconds per byte, counts as a delay by the disk.
+#: Seconds, and seconds per byte: an append that takes longer than both together counts as a delay by the disk.
 PATIENCE, _PER_BYTE = 1.0, 1 / (32 << 20)
-#: Allowed total of such delays in seconds, and as a share of the time: an occasional pause of the machine, which looks
-#: the same from here, does not end the history.
+#: Allowed total of such delays, in seconds and as a share of the time: a short pause of the machine, which cannot be
+#: distinguished from a delay, does not end the history.
 ALLOWANCE, _SHARE = 20.0, 0.01
 _FLAGS = os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC | os.O_NOFOLLOW
 
 
 class Full(Exception):
-    """The granted bytes are used."""
+    """The granted bytes are all used."""
 
 
 class Slow(Exception):
@@ -37,7 +37,7 @@ def list_segments(folder: Path, kind: str) -> list[Path]:
     Raises
     ------
     OSError
-        If the disk fails: that is no missing folder.
+        If the disk fails, which must not count as a missing folder.
     """
     pattern = re.compile(rf"{kind}-[0-9]{{8}}\.(jsonl|bin)")
     try:
@@ -67,9 +67,9 @@ class Segments:
     reserve_bytes : int
         No segment is started if the disk has less free space.
     mend : callable
-        Gets the descriptor of the segment that is continued: completes or cuts the incomplete end that a crash left.
+        Gets the descriptor of the continued segment: completes or cuts off an incomplete end after a crash.
     keep : callable
-        Gets the path of a segment that is removed; returns what is kept of it, once, in a segment of the same name.
+        Gets the path of a segment that is removed; returns the content that is kept, in a segment of the same name.
     """
 
     def __init__(
@@ -158,7 +158,7 @@ class Segments:
         self._handle = os.open(path, flags, 0o600)
 
     def _remove_oldest(self, more: int) -> None:
-        """Make room for ``more`` bytes; the newest segment stays, and the kept content is removed last."""
+        """Make room for ``more`` bytes; the newest segment is kept, and the kept content of others is removed last."""
         while self._used + more > self._total_bytes and len(self._sizes) > 1:
             older = list(self._sizes)[:-1]
             oldest = next((path for path in older if path != self._kept), self._kept)
@@ -186,7 +186,7 @@ class Segments:
 
 
 def _write(handle: int, data: bytes) -> None:
-    """Write all of ``data``. What a failed write has written is counted when the history is opened again."""
+    """Write all of ``data``. Bytes of a failed write are counted when the history is opened again."""
     view = memoryview(data)
     while view:
         view = view[os.write(handle, view) :]

@@ -29,9 +29,9 @@ _LOG = logging.getLogger(__name__)
 
 #: Size of a segment.
 _SEGMENT = 16 << 20
-#: The events get this part of the granted bytes (one quarter), in at least this many segments.
+#: Share of the granted bytes for the events (one quarter), and their smallest number of segments.
 _EVENTS_PART, _LEAST_SEGMENTS = 4, 4
-#: The history stops at this multiple of the reserve, twice the level at which the log warns: so it stops first.
+#: Multiple of the reserve at which the history stops: twice the level at which the log warns, so it stops first.
 _RESERVES = 4
 _MISSING = "steps before it are missing"
 
@@ -48,7 +48,7 @@ class History:
     total_bytes : int
         0: no history.
     reserve_bytes : int
-        Below this free space no session is opened; below four times as much no file of the history is started.
+        Below this free space no session is opened; below four times this value no file of the history is started.
     """
 
     def __init__(self, folder: Path, total_bytes: int, reserve_bytes: int = 0) -> None:
@@ -62,7 +62,7 @@ class History:
         self._maker = ""
 
     def begin_again(self) -> None:
-        """The session is resumed: start a history again that a failure has ended."""
+        """After a resume, start a history again that a failure has ended."""
         self.close()
         self._over, self._boundary_over, self._maker = not self._total, False, ""
 
@@ -75,7 +75,7 @@ class History:
     def record_input(
         self, step: int, boundary: Callable[[], BoundaryInput], dimension: int, time: float | None = None
     ) -> None:
-        """Record the input of the next commit, and the time of its step if it has one."""
+        """Record the input of the next commit, and the time of its step, if any."""
         if not self._boundary_over:
             self.attempt(lambda: self._write_input(step, boundary, dimension, time))
 
@@ -99,7 +99,7 @@ class History:
             write()
         except Exception as error:
             self.close()
-            with suppress(Exception):  # such as no memory for the line
+            with suppress(Exception):  # for example no memory for the line
                 reason = os.strerror(error.errno) if isinstance(error, OSError) and error.errno else error
                 _LOG.warning("the history of session %s ends, the session goes on: %s", self._session.name, reason)
 
@@ -174,7 +174,7 @@ class History:
     def _open(self, kind: str, segment_bytes: int, total_bytes: int, mend: Callable[[int], None]) -> Segments:
         folder = self._session / FOLDER
         if is_missing(folder):
-            require_room(self._session, self._reserve)  # first: on a full disk no empty folder is left
+            require_room(self._session, self._reserve)  # first, so that no empty folder is made on a full disk
             folder.mkdir(mode=0o700)
         return Segments(
             folder,

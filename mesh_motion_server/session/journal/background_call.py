@@ -1,4 +1,4 @@
-"""Runs a call in a thread of its own while the caller goes on: the disk works while cells are judged."""
+"""Runs a call in its own thread while the caller continues: the disk works while cells are judged."""
 
 import threading
 from collections.abc import Callable
@@ -11,12 +11,12 @@ _Result = TypeVar("_Result")
 
 
 class BackgroundCall(Generic[_Result]):
-    """Runs a call in its own thread, at once; without memory for a thread, in the caller's.
+    """Runs a call in its own thread, at once; if there is no memory for a thread, in the caller's thread.
 
     Parameters
     ----------
     call : callable
-        Must not touch what the caller uses before :meth:`result`.
+        Must not change data that the caller uses before :meth:`result`.
     worth_a_thread : bool
         If false, the call runs before the constructor returns.
     """

@@ -1,17 +1,17 @@
-"""The levels of durability: what a commit waits for, and what a restart restores.
+"""The levels of durability: the condition that a commit waits for, and the state that a restart restores.
 
 ``full``
     Every commit stores its state: a slot and a record, two syncs.
 ``replay``
-    A commit stores what its state is computed from, in a record: one sync, and bytes as the boundary has nodes. Every
-    ``snapshot_steps`` commits, or once ``log_bytes`` were logged or a minute has passed, one stores its state instead;
-    so does each whose input is so large, compared with the state, that the log would cost the disk as much. Opening
-    the journal computes the states behind the last stored one again (:mod:`~mesh_motion_server.session.replay`): about
-    a minute's work. Nothing that was answered is lost, as with ``full``. Closing stores the state, so that a planned
-    restart, and another version of the server, finds nothing to compute.
+    A commit stores the input of its state in a record: one sync, and as many bytes as the boundary takes. Every
+    ``snapshot_steps`` commits, or after ``log_bytes`` of log or a minute, a commit stores its state instead; so does a
+    commit whose input is so large, compared with the state, that the log would cost the disk as much. Opening the
+    journal recomputes the states after the last stored one (:mod:`~mesh_motion_server.session.replay`): about a
+    minute's work. No answered commit is lost, as with ``full``. Closing stores the state, so that after a planned
+    restart, or with another version of the server, nothing must be recomputed.
 ``relaxed``
-    A commit is answered at once; states are stored behind it (:mod:`.relaxed`). What was
-    answered and is behind the durable step may be lost.
+    A commit is answered at once; states are stored later (:mod:`.relaxed`). Answered steps after the durable step may
+    be lost.
 """
 
 import logging
@@ -32,17 +32,17 @@ __all__ = ["FullKeeper", "ReplayKeeper", "keeper_of", "log_bytes", "logged_failu
 
 _LOG = logging.getLogger(__name__)
 
-#: Least and most bytes of commits that are logged before a state is stored: opening reads them all.
+#: Smallest and largest number of bytes of commits that are logged before a state is stored: opening reads all of them.
 _LEAST_LOG, _MOST_LOG = 1 << 20, 32 << 20
-#: An input is logged if it has so many bytes at most, or is at most this part of the state (benchmarks.durability).
+#: An input is logged if it has at most this many bytes, or is at most this share of the state (benchmarks.durability).
 _SMALL_INPUT, _SMALL_PART = 256 << 10, 1 / 32
-#: So long after a state was stored the next one is, seconds: computing what was logged meanwhile again takes no longer,
-#: and a worker that resumes a session is given ten minutes, however slow its moves are.
+#: Seconds after which the next state is stored: recomputing the steps logged in the meantime takes no longer, and a
+#: worker that resumes a session has ten minutes, even if its moves are slow.
 _LONGEST_LOG = 60.0
 
 
 def log_bytes(state_bytes: int) -> int:
-    """After how many bytes of logged commits a state of this size is stored: half of its own."""
+    """The number of bytes of logged commits after which a state of this size is stored: half of the state's bytes."""
     return min(max(state_bytes // 2, _LEAST_LOG), _MOST_LOG)
 
 
@@ -101,7 +101,7 @@ class ReplayKeeper(FullKeeper):
 
 
 def _bytes_of(commit: Commit) -> int:
-    """What a logged commit takes in a checkpoint: its input, and a generous share for all the rest."""
+    """Bytes of a logged commit in a checkpoint: its input, and a generous share for all other data."""
     rows = commit.boundary.rows if commit.boundary is not None else b""
     return len(rows) + len(commit.receipt) + 128 * len(commit.requests) + 512
 
@@ -116,7 +116,7 @@ def keeper_of(journal: Journal) -> Keeper:
 
 @contextmanager
 def logged_failure(session: str) -> Iterator[None]:
-    """No client waits for an answer: what fails is logged, and the next request is refused."""
+    """Log a failure for which no client waits; the next request is refused."""
     try:
         yield
     except DataLoss as error:

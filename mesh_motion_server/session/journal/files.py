@@ -31,9 +31,9 @@ NEXT_MANIFEST = "manifest.new"
 FIRST_MANIFEST = "manifest.first"
 SLOTS = ("slot-0", "slot-1")
 
-#: Commits whose replies are kept, and therefore restored after a crash.
+#: Number of commits whose replies are kept, and therefore restored after a crash.
 KEPT_COMMITS = 8
-#: Of a manifest that is listed, so much is read at first: some ten commits.
+#: Number of bytes of a manifest that are read first for a list: some ten commits.
 _FIRST_BYTES = 16 * PAGE
 #: More than any manifest has: 24 records of 256 partitions, and what level "replay" logs.
 _MOST_BYTES = 1 << 28
@@ -59,7 +59,7 @@ def read_journal(folder: Path, files: FileSystem) -> Findings:
 
 
 def read_ledger(folder: Path, files: FileSystem) -> Ledger:
-    """Read the manifest alone, for lists: a commit that only its slot completes is not seen.
+    """Read only the manifest, for lists: a commit that only its slot completes is not included.
 
     Raises
     ------
@@ -73,7 +73,7 @@ def read_ledger(folder: Path, files: FileSystem) -> Ledger:
 
 
 def _read_chain(files: FileSystem, path: Path) -> list[Record]:
-    """A manifest's records; of the empty rest, most of a young session's manifest, little is read."""
+    """Read a manifest's records; of the empty rest, most of a young session's manifest, only little is read."""
     with reading(files, path) as handle:
         size, part = bounded_size(files, handle, _MOST_BYTES), _FIRST_BYTES
         while part < size:
@@ -87,7 +87,7 @@ def _read_chain(files: FileSystem, path: Path) -> list[Record]:
 
 
 def read_stored_state(folder: Path, files: FileSystem, ledger: Ledger) -> tuple[int, Floats] | None:
-    """The last step whose coordinates are stored, and these (n, d), ascending by global id; None at step 0.
+    """The last step whose coordinates are stored, with the coordinates (n, d), ascending by global id; None at step 0.
 
     Raises
     ------

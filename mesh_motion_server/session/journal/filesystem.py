@@ -1,7 +1,7 @@
-"""Everything that the durable state needs from a file system, small enough to be replaced in tests.
+"""The operations of a file system that the durable state needs; few enough to be replaced in tests.
 
-The journal and the store do their input and output through :class:`FileSystem` only. Tests put a model in its place
-that loses power between any two operations, or one whose operations fail: the code under test is then the real one.
+The journal and the store do their input and output through :class:`FileSystem` only. Tests replace it by a model that
+loses power between any two operations, or by one whose operations fail: so the tested code is the real code.
 """
 
 import errno
@@ -32,7 +32,7 @@ __all__ = [
 ]
 
 Buffer = bytes | memoryview
-#: A link leads nowhere else, and opening a pipe does not wait.
+#: Flags for opening: a link is not followed, and opening a pipe does not wait.
 _FLAGS = os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK
 
 
@@ -40,14 +40,14 @@ class FileSystem(Protocol):
     """Files by handle, at offsets. Every method may raise OSError."""
 
     def make_folder(self, path: Path) -> None:
-        """A folder only its owner may enter (0700), parents included; existing ones are kept."""
+        """Make a folder that only its owner may enter (0700), with its parents; existing folders are kept."""
 
     def create(self, path: Path, size: int) -> int:
-        """A new empty file, an existing one emptied, with ``size`` bytes reserved that read as zeros; its handle."""
+        """Create or empty a file, and reserve ``size`` bytes that read as zeros; return its handle."""
         ...
 
     def open(self, path: Path, *, writable: bool = True) -> int:
-        """Handle of an existing file."""
+        """Return the handle of an existing file."""
         ...
 
     def size(self, handle: int) -> int:
@@ -55,21 +55,21 @@ class FileSystem(Protocol):
         ...
 
     def read(self, handle: int, offset: int, size: int) -> bytes:
-        """Up to ``size`` bytes from ``offset``; fewer only at the end of the file."""
+        """Read up to ``size`` bytes from ``offset``; fewer only at the end of the file."""
         ...
 
     def write(self, handle: int, offset: int, data: Buffer) -> int:
-        """How many bytes were written: possibly fewer than given."""
+        """Write; return the number of written bytes, which may be fewer than given."""
         ...
 
     def sync(self, handle: int) -> None:
-        """The file's content is on the disk (fdatasync)."""
+        """Put the file's content on the disk (fdatasync)."""
 
     def close(self, handle: int) -> None:
-        """Give the handle back."""
+        """Close the handle."""
 
     def sync_folder(self, path: Path) -> None:
-        """The folder's entries are on the disk."""
+        """Put the folder's entries on the disk."""
 
     def rename(self, source: Path, target: Path) -> None:
         """Replace ``target`` atomically."""
@@ -78,7 +78,7 @@ class FileSystem(Protocol):
         """Remove a file if it exists."""
 
     def exists(self, path: Path) -> bool:
-        """Whether there is an entry of this name; only ENOENT means no, every other error is raised."""
+        """Whether there is an entry with this name; only ENOENT means no, every other error is raised."""
         ...
 
     def names(self, path: Path) -> list[str]:
@@ -86,12 +86,12 @@ class FileSystem(Protocol):
         ...
 
     def lock(self, path: Path) -> int:
-        """Handle of a lock file held by this process alone; BlockingIOError if another holds it."""
+        """Return the handle of a lock file held only by this process; BlockingIOError if another process holds it."""
         ...
 
 
 def write_all(files: FileSystem, handle: int, offset: int, data: Buffer) -> int:
-    """Write all of ``data`` at ``offset`` whatever the chunks; returns the offset after it."""
+    """Write all of ``data`` at ``offset`` in any number of chunks; return the offset after it."""
     view = memoryview(data).cast("B")
     while view:
         written = files.write(handle, offset, view)
@@ -117,7 +117,7 @@ def bounded_size(files: FileSystem, handle: int, most: int) -> int:
 
 @contextmanager
 def reading(files: FileSystem, path: Path) -> Iterator[int]:
-    """Handle of an existing file, given back at the end of the block."""
+    """Yield the handle of an existing file; it is closed at the end of the block."""
     handle = files.open(path, writable=False)
     try:
         yield handle
@@ -126,7 +126,7 @@ def reading(files: FileSystem, path: Path) -> Iterator[int]:
 
 
 def make_durable_folder(files: FileSystem, path: Path) -> None:
-    """The folder and what is missing above it, each synced in the folder that holds it."""
+    """Make the folder and its missing parents; each is synced in the folder that contains it."""
     missing = [folder for folder in (path, *path.parents) if not files.exists(folder)]
     files.make_folder(path)
     for folder in missing:
@@ -134,12 +134,12 @@ def make_durable_folder(files: FileSystem, path: Path) -> None:
 
 
 def write_file(files: FileSystem, path: Path, data: bytes, size: int = 0) -> None:
-    """A new file that starts with ``data``, of ``size`` bytes at least, synced."""
+    """Write a new file that starts with ``data``, has at least ``size`` bytes, and is synced."""
     write_durably(files, files.create(path, size), data)
 
 
 def write_durably(files: FileSystem, handle: int, data: bytes) -> None:
-    """``data`` at the beginning of an open file, synced; the file is closed."""
+    """Write ``data`` at the beginning of an open file, sync and close it."""
     try:
         write_all(files, handle, 0, data)
         files.sync(handle)
@@ -148,7 +148,7 @@ def write_durably(files: FileSystem, handle: int, data: bytes) -> None:
 
 
 def unreadable(what: str, error: OSError) -> DataLoss:
-    """Make the error of a failed read: nothing is known to be lost, unless the file itself is missing."""
+    """Make the error for a failed read: nothing is known to be lost, unless the file itself is missing."""
     if isinstance(error, FileNotFoundError):
         missing = f"{os.path.basename(os.fsdecode(error.filename))}: " if error.filename else ""
         return DataLoss(f"{what} cannot be read: {missing}{error.strerror or error}")
@@ -158,7 +158,7 @@ def unreadable(what: str, error: OSError) -> DataLoss:
 
 
 def disk_failure(doing: str, error: OSError, consequence: str = "", *, hint: str) -> DataLoss:
-    """Make the error of a failed disk operation: the system's message, the error's name, the consequence."""
+    """Make the error for a failed disk operation: the system's message, the error's name, the consequence."""
     name = errno.errorcode.get(error.errno or 0, "unknown")
     return DataLoss(
         f"{doing}: {error.strerror or error} ({name}){consequence}",
@@ -171,7 +171,7 @@ def disk_failure(doing: str, error: OSError, consequence: str = "", *, hint: str
 class PosixFileSystem:
     """The operating system's files."""
 
-    #: Linux transfers at most 2 GiB - 4 KiB in a call.
+    #: Linux transfers at most 2 GiB - 4 KiB in one call.
     _LARGEST_CALL = 1 << 30
 
     def make_folder(self, path: Path) -> None:

@@ -1,25 +1,24 @@
 """The journal of one session: a committed step survives kill -9 and loss of power, bitwise.
 
-Files of a session's folder that belong to it:
+The journal's files in a session's folder:
 
 ``manifest``
     Append-only hash-chained records (:mod:`.records`,
-    :mod:`.ledger`), preallocated with zeros. When it is full, ``manifest.new`` is written
-    with a "checkpoint" of all that still matters and renamed over it. Until then ``manifest.new`` lies there empty: the
-    space of the next manifest, so that a session, once built, needs no more of the disk.
+    :mod:`.ledger`), preallocated with zeros. When it is full, ``manifest.new`` is written with a "checkpoint" of all
+    data that still matter and renamed over it. Until then ``manifest.new`` is empty and holds the space of the next
+    manifest, so that a built session needs no more disk space.
 ``slot-0``, ``slot-1``
-    Preallocated, used in turns, the first state in slot 1: the older state is overwritten and the newer one stays
-    whole. At offset 0 the copy of the state's record, at ``record_area`` the coordinates: an (n, d) row-major array of
+    Preallocated and used in turn, the first state in slot 1: the older state is overwritten and the newer one is kept.
+    At offset 0 is the copy of the state's record, at ``record_area`` the coordinates: an (n, d) row-major array of
     little-endian doubles, ascending by global id.
 
 :meth:`Journal.store` writes the slot, syncs, appends the record with its replies, and syncs; the coordinates may be
 written and synced before their record is known (:meth:`Journal.write_ahead`): a slot whose record is older than its
-coordinates is one that was being overwritten. :meth:`Journal.log` syncs
-a record alone, from which the state can be computed again. What is made of them is the level of durability's affair
-(:mod:`.durability`). New and renamed files are synced with their folder before anything
-relies on them. After any failed operation nothing is ever retried (the kernel may have dropped what it could not write,
-and a second fsync would say "done"): the journal is frozen until another process opens it and reads what is really
-there.
+coordinates was being overwritten. :meth:`Journal.log` syncs only a record, from which the state can be recomputed. The
+level of durability decides which of the two is used (:mod:`.durability`). New and renamed files are synced with their
+folder before they are used. After a failed operation nothing is retried (the kernel may have dropped data that it could
+not write, and a second fsync would say "done"): the journal is frozen until another process opens it and reads the real
+content of the disk.
 """
 
 from __future__ import annotations
@@ -58,24 +57,25 @@ from mesh_motion_server.session.journal.witness import Witness, has_witness, man
 __all__ = ["Journal", "record_area"]
 
 
-#: A state of so many bytes is synced before its record is written: one sync more takes less than hashing it meanwhile.
+#: A state of at least this many bytes is synced before its record is written: one more sync takes less time than
+#: hashing, which runs at the same time.
 _LARGE_STATE = 4 << 20
 
 
 def record_area(partitions: int, commits: int = 1) -> int:
-    """Bytes reserved for a record of so many commits: a receipt of a few kB and a request id per partition for each."""
+    """Bytes reserved for a record of this many commits, each with a receipt of a few kB and request ids."""
     return commits * (16 * 1024 + -(-256 * partitions // PAGE) * PAGE)
 
 
 class Journal:
-    """The durable side of one session; held by one process.
+    """The durable part of one session; held by one process.
 
     Attributes
     ----------
     ledger : Ledger
-        What is durable.
+        The durable records.
     frozen : bool
-        Whether an operation failed; then everything else is refused.
+        Whether an operation failed; then all further operations are refused.
     """
 
     def __init__(self, folder: Path, files: FileSystem, ledger: Ledger, end: int) -> None:
@@ -98,12 +98,12 @@ class Journal:
         capacity : int, optional
             Bytes of each manifest, whole pages for a checkpoint and two records at least; by default some 250 commits.
         epoch : int
-            The session's, which is no longer 1 if it was resumed before it was built.
+            The session's epoch, which is larger than 1 if it was resumed before it was built.
 
         Raises
         ------
         OSError
-            If the disk does not take it; the manifest is then absent.
+            If the disk cannot store it; then there is no manifest.
         """
         for name in SLOTS:
             write_file(files, folder / name, b"", foundation.record_area + foundation.state_bytes)
@@ -120,7 +120,7 @@ class Journal:
 
     @classmethod
     def open(cls, folder: Path, files: FileSystem, found: Findings | None = None) -> Journal:
-        """Read the journal, unless what was ``found`` in it is given, and repair what a crash left.
+        """Read the journal, or take its already read content ``found``, and repair it after a crash.
 
         Raises
         ------
@@ -141,11 +141,11 @@ class Journal:
         Parameters
         ----------
         entry : Commit
-            Of the step after the last one, or after the last of ``earlier``.
+            The commit of the step after the last one, or after the last of ``earlier``.
         state : (n, d) array, mesh length unit
             The coordinates, ascending by global id.
         earlier : sequence of Commit
-            With "relaxed": the steps between, whose states are passed over; of those only the latest need be given.
+            With "relaxed": the steps in between, whose states are not stored; only the latest of them are needed.
 
         Raises
         ------
@@ -162,12 +162,12 @@ class Journal:
             self._store(body, state)
 
     def write_ahead(self, state: Floats) -> None:
-        """Write the coordinates of the next step to its slot, for :meth:`store` of this array; large ones meanwhile.
+        """Write the next step's coordinates to its slot, before :meth:`store`; large ones in the background.
 
         Parameters
         ----------
         state : (n, d) array, mesh length unit
-            Not to be changed before it is stored.
+            Must not be changed before it is stored.
 
         Raises
         ------
@@ -188,7 +188,7 @@ class Journal:
         self._ahead = state, BackgroundCall(write, worth_a_thread=large)
 
     def _take_ahead(self) -> Floats | None:
-        """The coordinates that were written ahead, once they are written."""
+        """Return the coordinates that were written ahead, after their write has ended."""
         if self._ahead is None:
             return None
         (state, written), self._ahead = self._ahead, None
@@ -196,7 +196,7 @@ class Journal:
         return state
 
     def log(self, entry: Commit) -> None:
-        """Make a step durable without its coordinates: ``entry.boundary`` is what they are computed from.
+        """Make a step durable without its coordinates: they can be computed from ``entry.boundary``.
 
         Raises
         ------
@@ -208,7 +208,7 @@ class Journal:
             self._append(self._fitting_record(entry.as_body()))
 
     def snapshot(self, state: Floats) -> None:
-        """Store the coordinates (n, d) of the last committed step, ascending by global id: what was logged is settled.
+        """Store the coordinates (n, d) of the last committed step, ascending by global id, in place of logged commits.
 
         Raises
         ------
@@ -228,7 +228,7 @@ class Journal:
             raise DataLoss(f"the state of step {step} does not fit its slot: {state.shape}", code="INTERNAL")
 
     def raise_epoch(self) -> int:
-        """Fence all earlier holders, durably; returns the new epoch.
+        """Fence all earlier holders, durably; return the new epoch.
 
         Raises
         ------
@@ -256,7 +256,7 @@ class Journal:
         return verified_state(raw, self.ledger)
 
     def close(self) -> None:
-        """Give the files back; idempotent."""
+        """Close the files; idempotent."""
         if self._ahead is not None:
             self._ahead[1].wait()
         while self._handles:
@@ -279,7 +279,7 @@ class Journal:
         return packed
 
     def _store(self, body: dict[str, object], state: Floats) -> None:
-        """A record and the coordinates that it is about."""
+        """Store a record and the coordinates that belong to it."""
         ahead = self._take_ahead() is state
         packed = self._fitting_record(body)
         self._write_slot(self.ledger.next_slot, packed, None if ahead else state)
@@ -287,7 +287,7 @@ class Journal:
         self._append(packed)
 
     def _write_slot(self, slot: int, packed: bytes, state: Floats | None) -> None:
-        """The record's copy and the coordinates, unless these were written ahead, synced."""
+        """Write the record's copy, and the coordinates unless they were written ahead; sync."""
         area = self.ledger.foundation.record_area
         if len(packed) > area:
             raise DataLoss(f"a record for slot {slot} takes {len(packed)} bytes of {area}", code="INTERNAL")
@@ -299,12 +299,12 @@ class Journal:
         self._files.sync(handle)
 
     def _write_state(self, slot: int, state: Floats) -> None:
-        """The coordinates (n, d), not synced."""
+        """Write the coordinates (n, d), without a sync."""
         raw = np.ascontiguousarray(state, dtype="<f8").data.cast("B")
         write_all(self._files, self._handles[1 + slot], self.ledger.foundation.record_area, raw)
 
     def _append(self, packed: bytes) -> None:
-        """The record at the manifest's end, synced; then the ledger says so."""
+        """Append the record to the manifest and sync it; then update the ledger."""
         if self._end + len(packed) > self.ledger.capacity:
             raise DataLoss(f"a record of {len(packed)} bytes does not fit the manifest", code="INTERNAL")
         self._witness()
@@ -315,7 +315,7 @@ class Journal:
         self._advance(verified(packed))
 
     def _witness(self) -> None:
-        """Note, for the next sync, the last record: it is durable."""
+        """Note, for the next sync, that the last record is durable."""
         if has_witness(self.ledger.foundation):
             write_all(self._files, self._handles[0], self.ledger.capacity, Witness.of(self.ledger.last).pack())
 
@@ -337,11 +337,11 @@ class Journal:
         self._renew_reserve()
 
     def _settle(self, found: Findings) -> None:
-        """Make durable what was read, and clean up after a crash; a crash in between is settled again.
+        """Make the content that was read durable, and clean up after a crash; a crash in between is handled likewise.
 
-        What was read may be in the page cache only, left there by a write whose sync failed, and a sync alone would not
-        write it again: so the last record and its slot are written again. Slots are cleaned last, for a torn manifest
-        is judged by them. What may be refused comes first, so that a refusal changes nothing.
+        The content that was read may be in the page cache only, after a write whose sync failed, and a sync alone would
+        not write it again: so the last record and its slot are written again. Slots are cleaned last, because a torn
+        manifest is judged by them. Operations that may be refused come first, so that a refusal changes nothing.
         """
         state = self.read_state() if self.ledger.snapshot else None
         self._renew_reserve()
@@ -364,12 +364,12 @@ class Journal:
             write_all(self._files, self._handles[1 + number], 0, bytes(self.ledger.foundation.record_area))
             self._files.sync(self._handles[1 + number])
         if found.torn and not found.completion:
-            # the torn record may have been an epoch that was answered
+            # the torn record may be an epoch that was answered
             self.ledger = replace(self.ledger, epoch=self.ledger.epoch + 1)
         failpoint("journal.settle.done")
 
     def _renew_reserve(self) -> None:
-        """Hold the space of the next manifest; where there is none, the session goes on as long as it can."""
+        """Reserve the space of the next manifest; without space, the session continues as long as it can."""
         try:
             reserve(self._folder, self._files, manifest_bytes(self.ledger.foundation, self.ledger.capacity))
         except OSError:
@@ -385,7 +385,7 @@ class Journal:
 
     @contextmanager
     def _freezing(self, doing: str) -> Iterator[None]:
-        """Freeze on whatever goes wrong, for then it is unknown what is on the disk."""
+        """Freeze after any error, because then the content of the disk is unknown."""
         try:
             yield
         except BaseException as error:

@@ -1,4 +1,4 @@
-"""What every level of durability does for a session; each level implements it in its own way."""
+"""The interface of every level of durability; each level implements it in its own way."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
@@ -41,7 +41,7 @@ class Keeper(ABC):
 
     @abstractmethod
     def prepare(self, state: Floats) -> None:
-        """Announce the state (n, d) of the next commit, which never changes; the level may start to write it.
+        """Announce the state (n, d) of the next commit, which never changes; the level may begin to write it.
 
         Raises
         ------
@@ -51,7 +51,7 @@ class Keeper(ABC):
 
     @abstractmethod
     def commit(self, entry: Commit, state: Floats, boundary: Callable[[], BoundaryInput]) -> None:
-        """Take a commit: its state (n, d), ascending by global id, which never changes, and what determines it.
+        """Take a commit: its state (n, d), ascending by global id, which never changes, and the input of this state.
 
         Raises
         ------

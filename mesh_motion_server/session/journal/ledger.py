@@ -1,4 +1,4 @@
-"""What the chain of journal records says: the session's foundation, its epoch, its latest commits, its last snapshot.
+"""The content of the chain of journal records: the session's foundation, epoch, latest commits and last snapshot.
 
 =============  =======================================================================================================
 kind           body
@@ -32,7 +32,7 @@ __all__ = ["BoundaryInput", "Commit", "Foundation", "Ledger", "Snapshot", "slot_
 
 @dataclass(frozen=True)
 class Foundation:
-    """What BUILD fixes.
+    """The values that BUILD fixes.
 
     Attributes
     ----------
@@ -45,7 +45,7 @@ class Foundation:
     durability : str
         A level of :data:`mesh_motion_server.settings.DURABILITY_LEVELS`.
     snapshot_steps, log_bytes : int
-        With "replay": after so many commits, or bytes of them, a commit stores its state.
+        With "replay": after this many commits, or bytes of them, a commit stores its state.
     """
 
     session: str
@@ -65,18 +65,18 @@ class Foundation:
 
     @property
     def format(self) -> int:
-        """The lowest format that can say all that this level needs."""
+        """The lowest format that has all fields of this level."""
         return 1 if self.durability == "full" else 2
 
     def as_body(self) -> dict[str, Any]:
-        """Its part of a record's body."""
+        """The foundation's part of a record's body."""
         names = list(self.__dataclass_fields__)
         return {name: getattr(self, name) for name in (names if self.format > 1 else names[:6])}
 
 
 @dataclass(frozen=True)
 class BoundaryInput:
-    """What, with the state before it and the session's settings, determines a committed state.
+    """The input that determines a committed state, together with the state before and the session's settings.
 
     Attributes
     ----------
@@ -85,7 +85,7 @@ class BoundaryInput:
     rows : bytes
         Displacements (k, d) of the moving nodes in that frame, little-endian doubles, ascending by global id.
     maker : str
-        What computed the state: versions and processor, for people.
+        The versions and the processor that computed the state, for people.
     """
 
     frame: str
@@ -104,9 +104,9 @@ class Commit:
     requests : tuple of RequestId
         The COMMIT of each partition.
     receipt : bytes
-        What their replies say, packed by the caller.
+        The content of their replies, packed by the caller.
     boundary : BoundaryInput or None
-        Where the state is not stored but computed again.
+        The input, if the state is not stored but recomputed.
     """
 
     step: int
@@ -135,7 +135,7 @@ class Commit:
 
 @dataclass(frozen=True)
 class Snapshot:
-    """A committed state that a slot holds: its step, its digest, the slot's number."""
+    """A committed state in a slot: its step, its digest, the slot's number."""
 
     step: int
     digest: bytes
@@ -143,7 +143,7 @@ class Snapshot:
 
 
 def slot_of(record: Record) -> int | None:
-    """The slot that holds a record's state and copy; None for a record without a state of its own."""
+    """The slot with a record's state and copy; None for a record without its own state."""
     if record.kind == "commit" and record.format == 1:
         return int(record.body["step"] % 2)
     slot: int | None = record.body.get("slot") if record.kind in ("commit", "snapshot") else None
@@ -159,7 +159,7 @@ class Ledger:
     capacity : int
         Bytes for records in the manifest file.
     commits : tuple of Commit
-        The latest ones and all behind the snapshot, oldest first.
+        The latest commits, and all commits after the snapshot, oldest first.
     snapshot : Snapshot or None
         The last stored state; None: the mesh as built.
     last : Record
@@ -180,7 +180,7 @@ class Ledger:
 
     @property
     def logged(self) -> tuple[Commit, ...]:
-        """The commits behind the snapshot, whose states are to be computed again."""
+        """The commits after the snapshot, whose states must be recomputed."""
         stored = self.snapshot.step if self.snapshot else 0
         return tuple(commit for commit in self.commits if commit.step > stored)
 
@@ -191,7 +191,7 @@ class Ledger:
 
     @classmethod
     def start(cls, record: Record) -> Ledger:
-        """From the first record of a manifest.
+        """Start a ledger from the first record of a manifest.
 
         Raises
         ------
@@ -211,7 +211,7 @@ class Ledger:
         return cls(foundation, body["capacity"], body["epoch"], commits, snapshot, record)
 
     def after(self, record: Record, keep: int) -> Ledger:
-        """With the next record, of the commits the latest ``keep`` and those behind the snapshot.
+        """The ledger after the next record; it keeps the latest ``keep`` commits and those after the snapshot.
 
         Raises
         ------
@@ -248,7 +248,7 @@ class Ledger:
 
 
 def _kept(commits: tuple[Commit, ...], stored: Snapshot | None, keep: int) -> tuple[Commit, ...]:
-    """The latest ``keep`` and all behind the stored state; of those up to it the input is not needed any more."""
+    """The latest ``keep`` commits and all after the stored state; those up to this state no longer need their input."""
     last = stored.step if stored else 0
     settled = sum(commit.step <= last for commit in commits)
     first = min(settled, max(0, len(commits) - keep))

@@ -1,10 +1,10 @@
-"""A session's mesh as its partitions uploaded it, in one immutable file.
+"""A session's mesh in the form in which its partitions uploaded it, in one immutable file.
 
 ``mesh.bin``: magic "MMMESH" 01 0a, the header's length (8 bytes, little-endian), the header (a msgpack list with one
 map per partition: nodes, dimension, cells {type: rows}, or counted {type: rows} where the cells stay with the client,
 patches {name: [role, rows]}, and there facets and near {type: rows}), zeros up to a multiple of 8,
 then per partition, little-endian and row by row: coordinates (doubles), global ids, cells by type, patches by name,
-facets and cells near walls by type (64-bit integers). Its sha256 stands in the journal's first record.
+facets and cells near walls by type (64-bit integers). Its sha256 is in the journal's first record.
 """
 
 import hashlib
@@ -35,12 +35,12 @@ MESH = "mesh.bin"
 _MAGIC = b"MMMESH\x01\n"
 _LENGTH = struct.Struct("<Q")
 _START = len(_MAGIC) + _LENGTH.size
-#: Half a megabyte of tetrahedra.
+#: Number of rows written at a time: half a megabyte of tetrahedra.
 _BLOCK_ROWS = 1 << 14
 
 
 def write_mesh(path: Path, files: FileSystem, partitions: Sequence[PartitionMesh]) -> bytes:
-    """Write and sync the file (not its folder); returns its sha256."""
+    """Write and sync the file (not its folder); return its sha256."""
     header = msgpack.packb([_describe(partition) for partition in partitions])
     head = _MAGIC + _LENGTH.pack(len(header)) + header
     head += bytes(-len(head) % 8)
@@ -59,7 +59,7 @@ def write_mesh(path: Path, files: FileSystem, partitions: Sequence[PartitionMesh
 
 
 def read_mesh(path: Path, files: FileSystem, digest: bytes) -> list[PartitionMesh]:
-    """The partitions, bitwise as they were written.
+    """Read the partitions, bitwise as they were written.
 
     Raises
     ------
@@ -95,12 +95,12 @@ def read_mesh(path: Path, files: FileSystem, digest: bytes) -> list[PartitionMes
 
 
 def verifies(path: Path, files: FileSystem, digest: bytes, most: int) -> bool:
-    """Whether the file is the one that was written; one of more than ``most`` bytes: whether it :func:`has_its_length`.
+    """Whether the file is the one that was written; beyond ``most`` bytes, only whether it :func:`has_its_length`.
 
     Raises
     ------
     OSError
-        If the disk does not give it.
+        If the disk does not give the file.
     """
     with reading(files, path) as handle:
         size = files.size(handle)
@@ -110,12 +110,12 @@ def verifies(path: Path, files: FileSystem, digest: bytes, most: int) -> bool:
 
 
 def has_its_length(path: Path, files: FileSystem) -> bool:
-    """Whether the file is as long as its header says; reads no more than that, and so finds no wrong number.
+    """Whether the file is as long as its header says; reads only the header, and so finds no wrong numbers.
 
     Raises
     ------
     OSError
-        If the disk does not give it.
+        If the disk does not give the file.
     """
     with reading(files, path) as handle:
         size, head = files.size(handle), files.read(handle, 0, _START)
@@ -150,7 +150,7 @@ def _describe(partition: PartitionMesh) -> dict[str, Any]:
 
 
 def _count(partition: PartitionMesh) -> int:
-    """How many numbers are written of it."""
+    """Number of numbers that are written for a partition."""
     cells = sum(piece.size for name in partition.cells for piece in partition.cell_pieces(name))
     patches = sum(len(patch.nodes) for patch in partition.patches.values())
     parts = sum(rows.size for types in (partition.facets, partition.near) for rows in types.values())
@@ -158,7 +158,7 @@ def _count(partition: PartitionMesh) -> int:
 
 
 def _described_count(described: dict[str, Any]) -> int:
-    """How many numbers are written of it, by its map in the header."""
+    """Number of numbers that are written for a partition, from its map in the header."""
     cells = sum(rows * CELL_TYPES[name].n_nodes for name, rows in described["cells"].items())
     patches = sum(rows for _, rows in described["patches"].values())
     facets = sum(rows * FACET_NODES[name] for name, rows in described.get("facets", {}).items())
@@ -167,7 +167,7 @@ def _described_count(described: dict[str, Any]) -> int:
 
 
 def _blocks(partition: PartitionMesh) -> Iterator[NDArray[Any]]:
-    """Its arrays as they are written, in order, some rows at a time: what is widened stays in the cache."""
+    """Yield a partition's arrays as they are written, some rows at a time, so that widened rows stay in the cache."""
     cells = [piece for name in partition.cells for piece in partition.cell_pieces(name)]
     numbers = [partition.global_ids, *cells, *(patch.nodes for patch in partition.patches.values())]
     numbers += [*partition.facets.values(), *partition.near.values()]
@@ -197,7 +197,7 @@ class _Reader:
 
 
 def _restore(described: dict[str, Any], reader: _Reader) -> PartitionMesh:
-    """One partition from its map and the arrays that follow."""
+    """Restore one partition from its map and the arrays that follow."""
     nodes = described["nodes"]
     return PartitionMesh(
         points=reader.floats(nodes, described["dimension"]),

@@ -1,8 +1,7 @@
-"""The file that becomes the next manifest: its space is held before it is needed, and never given back in between.
+"""The file that becomes the next manifest: its space is reserved in advance, and never freed in between.
 
-``manifest.new`` lies in the session's folder with the size of a manifest, all zeros. A new manifest is
-written into that very file, which is then renamed: emptying it first would free its space, and another program could
-fill the disk.
+``manifest.new`` is in the session's folder with the size of a manifest, all zeros. A new manifest is written into this
+file, which is then renamed: emptying it first would free its space, and another program could fill the disk.
 """
 
 from contextlib import suppress
@@ -24,12 +23,12 @@ _LEAST_RECORDS = 16
 
 
 def manifest_capacity(foundation: Foundation) -> int:
-    """Bytes of a manifest's records: a checkpoint may hold all that was logged, and as much may be logged after it."""
+    """Bytes for a manifest's records: a checkpoint may have all logged commits, and as many may be logged after it."""
     return max(_LEAST_CAPACITY, (KEPT_COMMITS + _LEAST_RECORDS) * foundation.record_area) + 2 * foundation.log_bytes
 
 
 def create_manifest(folder: Path, files: FileSystem, packed: bytes, size: int) -> None:
-    """The first manifest of a session, which starts with this record; durable under its name.
+    """Make the first manifest of a session, which starts with this record; durable under its name.
 
     It is written under another name than the next ones: ``manifest.new`` proves that there was a manifest.
     """
@@ -38,7 +37,7 @@ def create_manifest(folder: Path, files: FileSystem, packed: bytes, size: int) -
 
 
 def replace_manifest(folder: Path, files: FileSystem, packed: bytes, size: int) -> None:
-    """A manifest that starts with this record, in the space that was held; durable under its name."""
+    """Make a manifest that starts with this record, in the reserved space; durable under its name."""
     handle = _open_reserve(folder / NEXT_MANIFEST, files, size)
     if handle is None:
         handle = files.create(folder / NEXT_MANIFEST, size)
@@ -47,10 +46,10 @@ def replace_manifest(folder: Path, files: FileSystem, packed: bytes, size: int) 
 
 
 def reserve(folder: Path, files: FileSystem, size: int) -> None:
-    """Hold the space of the next manifest. Its loss loses no data, so it is not synced.
+    """Reserve the space of the next manifest. Its loss loses no data, so it is not synced.
 
-    A file that is there already is kept if nothing was written into it. Otherwise its name is taken away first: after
-    a crash in the middle of a renaming it may be the manifest itself, under both names.
+    An existing file is kept if nothing was written into it. Otherwise its name is removed first: after a crash during a
+    renaming it may be the manifest itself, under both names.
     """
     path = folder / NEXT_MANIFEST
     handle = _open_reserve(path, files, size)
@@ -63,7 +62,7 @@ def reserve(folder: Path, files: FileSystem, size: int) -> None:
 
 
 def _open_reserve(path: Path, files: FileSystem, size: int) -> int | None:
-    """Handle of the file that holds the space, None where there is none of this size."""
+    """Handle of the file with the reserved space; None if there is none of this size."""
     with suppress(FileNotFoundError):
         handle = files.open(path)
         if files.size(handle) == size:
@@ -77,7 +76,7 @@ def _is_blank(files: FileSystem, handle: int, size: int) -> bool:
 
 
 def _name(folder: Path, files: FileSystem, written: str = NEXT_MANIFEST) -> None:
-    """What is written becomes the manifest, durably."""
+    """Give the written file the name of the manifest, durably."""
     failpoint("journal.create.unnamed")
     files.rename(folder / written, folder / MANIFEST)
     failpoint("journal.create.renamed")

@@ -11,10 +11,10 @@ A record fills whole pages of 4096 bytes, so that writing one never touches a pa
          …     32  checksum: sha256 of all bytes before
          …      …  zeros up to the end of the page
 
-Format 1 is that of sessions with durability "full": every commit has its slot. Format 2 is that of the other levels,
-whose records say more (:mod:`.ledger`). A journal stays in the format in which it was
-started. A format is never changed: what older versions would misread gets another number, all formats before it go on
-being read, and journals of each are kept and opened by a test (``tests/references/journals``).
+Format 1 is used by sessions with durability "full": every commit has its slot. Format 2 is used by the other levels,
+whose records have more fields (:mod:`.ledger`). A journal keeps the format in which it was started. A format is never
+changed: a change that older versions would misread gets a new number. All earlier formats can still be read; a test
+opens stored journals of each (``tests/references/journals``).
 """
 
 from __future__ import annotations
@@ -41,14 +41,14 @@ _CHECKSUM_BYTES = 32
 
 @dataclass(frozen=True)
 class Record:
-    """One record that verified.
+    """One record with a correct checksum.
 
     Attributes
     ----------
     previous : bytes
         Checksum of the record before it.
     length : int
-        Bytes it takes in the file, whole pages.
+        Bytes of the record in the file, whole pages.
     format : int
         One of :data:`FORMATS`.
     """
@@ -62,17 +62,17 @@ class Record:
 
     @property
     def kind(self) -> str:
-        """What the record says: "build", "commit", "snapshot", "epoch" or "checkpoint"."""
+        """The kind of the record: "build", "commit", "snapshot", "epoch" or "checkpoint"."""
         return str(self.body.get("kind", ""))
 
     def follows(self, other: Record) -> bool:
-        """Whether it is the next one of the chain."""
+        """Whether this record is the next one of the chain."""
         follows = self.sequence == other.sequence + 1 and self.previous == other.checksum
         return follows and self.format == other.format
 
 
 def pack_record(sequence: int, previous: bytes, body: dict[str, Any], format: int = 1) -> bytes:
-    """The record's bytes, whole pages."""
+    """Make the record's bytes, whole pages."""
     packed = msgpack.packb(body, use_bin_type=True)
     framed: bytes = _HEAD.pack(_MAGIC_OF[format], sequence, len(packed), previous) + packed
     framed += hashlib.sha256(framed).digest()
@@ -80,7 +80,7 @@ def pack_record(sequence: int, previous: bytes, body: dict[str, Any], format: in
 
 
 def unpack_record(data: bytes, offset: int = 0) -> Record | None:
-    """The record at ``offset``, or None when what is there does not verify."""
+    """The record at ``offset``; None if the bytes there do not verify."""
     if len(data) - offset < _HEAD.size + _CHECKSUM_BYTES:
         return None
     magic, sequence, length, previous = _HEAD.unpack_from(data, offset)
@@ -92,7 +92,7 @@ def unpack_record(data: bytes, offset: int = 0) -> Record | None:
     if hashlib.sha256(memoryview(data)[offset:end]).digest() != checksum:
         return None
     used = end + _CHECKSUM_BYTES - offset
-    # what verified was packed by pack_record, so that unpacking cannot fail
+    # verified bytes were packed by pack_record, so that unpacking cannot fail
     body = msgpack.unpackb(data[start:end])
     return Record(sequence, previous, body, checksum, used + -used % PAGE, _FORMAT_OF[magic])
 
@@ -106,7 +106,7 @@ def verified(packed: bytes) -> Record:
 
 
 def find_record(data: bytes, offset: int) -> int | None:
-    """Offset of the first page from ``offset`` on that starts a record which verifies."""
+    """Offset of the first page from ``offset`` on with the start of a valid record."""
     while (offset := data.find(FAMILY, offset)) >= 0:
         if offset % PAGE == 0 and unpack_record(data, offset) is not None:
             return offset

@@ -1,16 +1,15 @@
-"""Reading a journal as a crash, or damage, left it: what is certain, what is to be repaired, what must be refused.
+"""Reads a journal after a crash or damage: what is certain, what must be repaired, what must be refused.
 
 Writing a commit means: slot, sync, record, sync, answer. So a crash can leave only this:
 
-- a slot that does not verify, and a manifest that ends cleanly: the commit had not got as far as its record;
+- a slot that does not verify, and a manifest that ends cleanly: the commit had not reached its record;
 - a complete slot, and a record that is missing or torn: the slot's copy of the record completes the manifest;
-- a torn record of an epoch, or of a commit whose state is not stored but computed again: it was not answered, and the
+- a torn record of an epoch, or of a commit whose state is not stored but recomputed: it was not answered, and the
   next epoch skips its number.
 
 Anything else is damage and refused: a record that does not verify before one that does, a slot or the witness
-(:mod:`.witness`) that knows of a record the manifest lacks, a torn commit record without its
-slot, a state whose coordinates do not match their digest. Nothing is guessed. Reading changes nothing;
-:mod:`.journal` repairs.
+(:mod:`.witness`) that knows a record missing in the manifest, a torn commit record without its slot, a state whose
+coordinates do not match their digest. Nothing is guessed. Reading changes nothing; :mod:`.journal` repairs.
 """
 
 from collections.abc import Callable, Sequence
@@ -36,7 +35,7 @@ class SlotView:
     record : Record or None
         The copy of its commit's record, if that verifies.
     blank : bool
-        Whether the record area holds zeros only: never written, or cleaned.
+        Whether the record area has only zeros: never written, or cleaned.
     state_verifies : callable
         Whether the coordinates match the digest in ``record``; reads the whole slot.
     """
@@ -53,17 +52,17 @@ class Findings:
     Attributes
     ----------
     ledger : Ledger
-        Includes the records that are to be completed from slots.
+        Includes the records that will be completed from slots.
     end : int
         Offset in the manifest at which its records end.
     completion : tuple of Record
-        The records with a state that slots have and the manifest lacks, oldest first.
+        The records with a state that are in slots but not in the manifest, oldest first.
     torn : bool
-        Whether the manifest ends in something that is no record.
+        Whether the manifest ends with bytes that are no record.
     dirty_slots : tuple of int
-        Slots left by a commit that had not got as far as its record.
+        Slots of a commit that had not reached its record.
     records : tuple of Record
-        Those in the manifest.
+        The records in the manifest.
     """
 
     ledger: Ledger
@@ -84,7 +83,7 @@ def examine(manifest: bytes, view_slots: Callable[[Foundation], tuple[SlotView, 
     view_slots : callable
         Opens both slots, once their layout is known.
     keep : int
-        How many commits the ledger keeps.
+        Number of commits that the ledger keeps.
 
     Raises
     ------
@@ -108,7 +107,7 @@ def examine(manifest: bytes, view_slots: Callable[[Foundation], tuple[SlotView, 
 
 
 def sum_up(records: Sequence[Record], *, keep: int) -> Ledger:
-    """The ledger after these records, of the commits the latest ``keep``."""
+    """The ledger after these records; it keeps the latest ``keep`` commits."""
     ledger = Ledger.start(records[0])
     for record in records[1:]:
         ledger = ledger.after(record, keep)
@@ -116,7 +115,7 @@ def sum_up(records: Sequence[Record], *, keep: int) -> Ledger:
 
 
 def read_chain(manifest: bytes) -> tuple[list[Record], int]:
-    """Records from the start as long as each follows the one before, and where they end.
+    """Read records from the start as long as each follows the one before; return them and their end.
 
     Raises
     ------
@@ -141,7 +140,7 @@ def read_chain(manifest: bytes) -> tuple[list[Record], int]:
 
 
 def _completion(slots: tuple[SlotView, SlotView], last: Record) -> tuple[Record, ...]:
-    """The records that complete slots have beyond the manifest, which must go on with its chain."""
+    """The records that complete slots have beyond the manifest; they must continue its chain."""
     found: list[Record] = []
     known = [(slot.record, number, slot) for number, slot in enumerate(slots) if slot.record is not None]
     for record, number, slot in sorted(known, key=lambda entry: entry[0].sequence):
@@ -156,7 +155,7 @@ def _completion(slots: tuple[SlotView, SlotView], last: Record) -> tuple[Record,
 
 
 def _check_witness(manifest: bytes, ledger: Ledger, end: int) -> None:
-    """Check that the last record known to be durable is there."""
+    """Check that the chain has the last record that is known to be durable."""
     if not has_witness(ledger.foundation):
         return
     witness = Witness.unpack(manifest[ledger.capacity :])
@@ -165,7 +164,7 @@ def _check_witness(manifest: bytes, ledger: Ledger, end: int) -> None:
 
 
 def _dirty_slots(slots: tuple[SlotView, SlotView], ledger: Ledger) -> tuple[int, ...]:
-    """Slots that are not empty and do not hold a commit of the ledger's past."""
+    """Slots that are not empty and have no commit of the ledger's past."""
     return tuple(
         number
         for number, slot in enumerate(slots)

@@ -1,8 +1,8 @@
 """Level ``relaxed``: a commit is answered before it is on the disk; a thread of the session's process stores it.
 
 The thread stores one state at a time, always the newest, with the replies to all commits since the last one stored
-(:class:`Backlog`). So the disk's queue never grows: at most two states wait, and the durable step is behind by what was
-committed during the last two writes. A crash of the process loses as much as a loss of power.
+(:class:`Backlog`). So the disk's queue never grows: at most two states wait, and the durable step lacks only the
+commits of the last two writes. A crash of the process loses as much as a loss of power.
 """
 
 import threading
@@ -20,7 +20,7 @@ __all__ = ["Backlog", "RelaxedKeeper"]
 
 
 class Backlog:
-    """Commits that were answered but not stored: the newest state, and the replies that are kept."""
+    """Answered commits that are not stored yet: the newest state, and the replies that are kept."""
 
     def __init__(self, journal: Journal) -> None:
         self._journal = journal
@@ -49,7 +49,7 @@ class RelaxedKeeper(Keeper):
     Parameters
     ----------
     journal : Journal
-        Touched by this keeper's thread alone while there is something to store.
+        Used only by this keeper's thread while there are commits to store.
     """
 
     def __init__(self, journal: Journal) -> None:
@@ -76,7 +76,7 @@ class RelaxedKeeper(Keeper):
         del boundary
         if self._thread is None:
             thread = threading.Thread(target=self._run, name="relaxed commits", daemon=True)
-            thread.start()  # first: without memory for a thread nothing is taken
+            thread.start()  # first: if there is no memory for a thread, no commit is taken
             self._thread = thread
         with self._news:
             self._require_working()

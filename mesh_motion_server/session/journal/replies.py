@@ -1,8 +1,8 @@
 """Exactly once: the stored replies of recent requests, by (client, sequence).
 
-A repeat with the same content gets the stored reply; with other content ABORTED.CONFLICT. Per client the last K
-replies are kept, all of them within a byte budget; what was dropped answers ABORTED.STALE, for executing it again
-could do harm. A request that failed took no effect and is executed again when it is repeated.
+A repeat with the same content gets the stored reply; with other content ABORTED.CONFLICT. The last K replies of each
+client are kept, all together within a byte budget. A repeat of a dropped one gets ABORTED.STALE, because executing it
+again could do harm. A failed request had no effect and is executed again when it is repeated.
 """
 
 from collections import OrderedDict
@@ -28,7 +28,7 @@ class RequestId:
     client : bytes
         16-byte UUID of the client.
     content : bytes
-        sha256 of all that the request says, except its epoch: a repeat after RESUME is the same request.
+        sha256 of the request's content without its epoch: a repeat after RESUME is the same request.
     """
 
     client: bytes
@@ -47,7 +47,7 @@ class _Stored(Generic[T]):
 
 @dataclass(slots=True)
 class _Client(Generic[T]):
-    """One client's recent requests by sequence; ``floor``: the highest sequence that was dropped."""
+    """One client's recent requests by sequence; ``floor``: the highest dropped sequence."""
 
     stored: dict[int, _Stored[T]] = field(default_factory=dict)
     floor: int = 0
@@ -59,11 +59,11 @@ class ReplyTable(Generic[T]):
     Parameters
     ----------
     per_client : int
-        How many replies are kept per client.
+        Number of replies that are kept per client.
     byte_budget : int
-        What all replies may take together; the newest one of each holder is kept all the same.
+        Limit for all replies together; the newest reply of each holder is kept in any case.
     holders : int
-        Number of clients that hold the session: those that were answered last.
+        Number of clients that hold the session: the clients that were answered last.
     """
 
     def __init__(self, per_client: int, byte_budget: int, holders: int = 1) -> None:
@@ -79,12 +79,13 @@ class ReplyTable(Generic[T]):
         return self._nbytes
 
     def find(self, request: RequestId) -> T | None:
-        """The stored reply, or None when the request is to be executed.
+        """The stored reply; None if the request must be executed.
 
         Raises
         ------
         SessionError
-            ABORTED.CONFLICT: the request id was used for something else. ABORTED.STALE: too old to know.
+            ABORTED.CONFLICT: the request id was used for another request. ABORTED.STALE: the request is too old to be
+            known.
         """
         client = self._clients.get(request.client)
         if client is None:
@@ -102,7 +103,7 @@ class ReplyTable(Generic[T]):
         return None
 
     def store(self, request: RequestId, reply: T | None, nbytes: int = 0) -> None:
-        """Store a request and its reply; None: it failed and may be repeated only with the same content."""
+        """Store a request and its reply. None: the request failed and may be repeated only with the same content."""
         client = self._clients.setdefault(request.client, _Client())
         self._clients.move_to_end(request.client)
         previous = client.stored.pop(request.sequence, None)
@@ -122,7 +123,7 @@ class ReplyTable(Generic[T]):
         )
 
     def _shrink(self, newest: _Client[T]) -> None:
-        """Drop the oldest: of this client beyond K, of silent clients, then of all while over the budget."""
+        """Drop the oldest replies: of this client beyond K, of silent clients, then of all while over the budget."""
         while len(newest.stored) > self._per_client:
             self._drop_first(newest)
         while len(self._clients) > _MAX_CLIENTS:
@@ -132,7 +133,7 @@ class ReplyTable(Generic[T]):
             self._keep_to_budget()
 
     def _keep_to_budget(self) -> None:
-        """Drop all replies of clients that hold the session no more, the longest silent first; then all but newest."""
+        """Drop replies of clients that no longer hold the session, longest silent first; then all but the newest."""
         clients = list(self._clients.values())
         for left, some in ((0, clients[: -self._holders]), (1, clients[-self._holders :])):
             for client in some:
@@ -143,6 +144,6 @@ class ReplyTable(Generic[T]):
         sequence = next(iter(client.stored))
         entry = client.stored.pop(sequence)
         if not client.stored:
-            client.stored = {}  # an emptied one keeps its size
+            client.stored = {}  # an emptied dict keeps its memory
         client.floor = max(client.floor, sequence)
         self._nbytes -= entry.nbytes

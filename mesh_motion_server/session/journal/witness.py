@@ -1,9 +1,9 @@
-"""The last page of a manifest of level "replay": which of its records is known to be durable.
+"""The last page of a manifest of level "replay": it names the newest record that is known to be durable.
 
-A commit whose state is stored leaves a copy of its record in the slot. One that is only logged does not: if the last
-record of a manifest does not verify, it may be a write that a crash has torn and no client got a reply for, or
-one that was answered and damaged later. So the page names the newest record that was synced before; it is written with
-the next record and takes no sync of its own::
+A commit whose state is stored has a copy of its record in the slot. A commit that is only logged has none. If the last
+record of a manifest does not verify, there are two cases: a crash has torn the write and no client got a reply, or the
+record was answered and damaged later. So the page names the newest record that was synced before; it is written with
+the next record and needs no additional sync::
 
     offset  bytes  content
          0      8  magic "MMTAIL" 01 0a
@@ -33,30 +33,30 @@ def has_witness(foundation: Foundation) -> bool:
 
 
 def manifest_bytes(foundation: Foundation, capacity: int) -> int:
-    """Length of a manifest file with so many bytes for records."""
+    """Length of a manifest file with this many bytes for records."""
     return capacity + PAGE * has_witness(foundation)
 
 
 @dataclass(frozen=True)
 class Witness:
-    """A record that was durable: its sequence and checksum."""
+    """A durable record: its sequence and checksum."""
 
     sequence: int
     checksum: bytes
 
     @classmethod
     def of(cls, record: Record) -> Witness:
-        """Of this record."""
+        """The witness of this record."""
         return cls(record.sequence, record.checksum)
 
     def pack(self) -> bytes:
-        """The page's content, without the zeros behind it."""
+        """The page's content, without the zeros after it."""
         content = _CONTENT.pack(_MAGIC, self.sequence, self.checksum)
         return content + hashlib.sha256(content).digest()
 
     @classmethod
     def unpack(cls, page: bytes) -> Witness | None:
-        """From the page; None where it was never written, or does not verify."""
+        """Read a witness from the page; None if it was never written, or does not verify."""
         if len(page) < _CONTENT.size + 32:
             return None
         magic, sequence, checksum = _CONTENT.unpack_from(page)

@@ -20,8 +20,8 @@ def merge_facets(
 ) -> dict[str, Integers]:
     """The facets (f, k) of the whole boundary by type, in canonical order; none if a partition sent none.
 
-    A facet of two partitions lies between them. The order depends on the nodes alone, and the first node of each facet
-    stays the first.
+    A facet that two partitions have is between them. The order depends only on the nodes, and the first node of each
+    facet stays the first.
 
     Parameters
     ----------
@@ -32,7 +32,8 @@ def merge_facets(
     Raises
     ------
     InvalidInput
-        If a partition sent none that a role needs, one sent a facet twice, or three have it.
+        If a partition sent no facets although a role needs them, if it sent a facet twice, or if three partitions have
+        a facet.
     """
     patches = ((name, patch.role) for one in partitions for name, patch in sorted(one.patches.items()))
     needing = next(((name, role) for name, role in patches if role not in ("moving", "fixed")), None)
@@ -59,7 +60,7 @@ def merge_facets(
 
 
 def _alone(name: str, rows: Integers, owners: Integers, global_ids: Integers) -> Integers:
-    """Those of the facets (f, k) that one partition alone has, sorted; ``owners`` (f,) are their partitions."""
+    """The facets (f, k) that only one partition has, sorted; ``owners`` (f,) are their partitions."""
     keys = np.sort(rows, axis=1)
     order = np.lexsort((owners, *keys.T[::-1]))
     keys, rows, owners = keys[order], rows[order], owners[order]

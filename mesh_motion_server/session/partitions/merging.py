@@ -2,10 +2,10 @@
 
 Nodes are united by global id, a patch's nodes over all partitions, and everything is put in canonical order: nodes
 along the Morton (Z-order) curve of their reference coordinates, cells of one type by their node tuple, patches by name.
-It depends on the coordinates and global ids alone, not on who sent which node: a mesh in one partition or in many
-becomes the same arrays, hence bitwise the same answers; and near nodes are near in memory, which the kernels need. A
-node that several partitions hold must have the same coordinates in each to 1e-10 of the diagonal of the mesh's bounding
-box; the lowest partition's are taken.
+The order depends only on coordinates and global ids, and not on the partition that sent a node: a mesh in one partition
+or in many becomes the same arrays, and so gives bitwise the same answers. Near nodes are also near in memory, which the
+kernels need. A node that several partitions have must have the same coordinates in each to 1e-10 of the diagonal of the
+mesh's bounding box; those of the lowest partition are used.
 """
 
 from collections.abc import Iterable, Sequence
@@ -27,8 +27,8 @@ from mesh_motion_server.session.partitions.meshes import CellCount, CellOrigin, 
 __all__ = ["canonical_order", "check_boundary", "check_near", "merge"]
 
 
-#: Admitted difference of one node's coordinates between partitions, relative to the bounding box's diagonal: above
-#: the rounding of 12-digit text files, far below any edge.
+#: Largest difference of one node's coordinates between partitions, relative to the bounding box's diagonal: above the
+#: rounding of text files with 12 digits, far below any edge.
 _COORDINATE_TOLERANCE = 1e-10
 
 
@@ -38,7 +38,7 @@ def canonical_order(points: Floats, global_ids: Integers) -> Integers:
 
 
 def merge(partitions: Sequence[PartitionMesh]) -> MergedMesh:
-    """Unite the partitions of one session.
+    """Join the partitions of one session.
 
     Raises
     ------
@@ -74,8 +74,9 @@ def merge(partitions: Sequence[PartitionMesh]) -> MergedMesh:
 def check_boundary(mesh: MergedMesh) -> None:
     """Check that the boundary of a mesh whose cells stay with the client determines its motion.
 
-    A node on no patch may lie between partitions only, so that several hold it, or inside, near a moving wall: how the
-    others would move depends on the cells. So does whether two nodes at the same place pass through each other.
+    A node on no patch may only be between partitions, so that several have it, or inside, near a moving wall: the
+    motion of other nodes would depend on the cells. Only the cells show whether two nodes at the same place pass
+    through each other.
 
     Raises
     ------
@@ -102,12 +103,12 @@ def check_boundary(mesh: MergedMesh) -> None:
 
 
 def check_near(mesh: MergedMesh, wall: Integers) -> None:
-    """Check that the cells near moving walls that were sent are about each node (k,) of the walls.
+    """Check that the sent cells near moving walls include cells at each node (k,) of the walls.
 
     Raises
     ------
     InvalidInput
-        Naming the first node that has none.
+        Naming the first node without a cell.
     """
     bare = np.setdiff1d(wall, _nodes_of(block.nodes for block in mesh.near))
     if len(bare):
@@ -132,7 +133,7 @@ def _undetermined(mesh: MergedMesh, node: int, fault: str, hint: str) -> Invalid
 
 
 def _check_partition(partition: PartitionMesh, number: int) -> None:
-    """Indices within range and global ids unique."""
+    """Check that indices are in range and that global ids are unique."""
     count = len(partition.points)
     if len(partition.global_ids) != count:
         raise InvalidInput(
@@ -172,7 +173,7 @@ def _ascending(ids: Integers) -> bool:
 
 
 def _check_range(indices: Integers, count: int, where: str, details: dict[str, object], first_row: int = 0) -> None:
-    """Every index in 0 … count - 1; the rows count from ``first_row``."""
+    """Check that every index is in 0 … count - 1; the rows count from ``first_row``."""
     if not indices.size or (indices.min() >= 0 and indices.max() < count):
         return
     bad = np.argwhere((indices < 0) | (indices >= count))
@@ -187,7 +188,7 @@ def _check_range(indices: Integers, count: int, where: str, details: dict[str, o
 
 def _merge_nodes(partitions: Sequence[PartitionMesh]) -> tuple[Floats, Integers, Integers, tuple[Integers, ...]]:
     """Points (n, d) and global ids (n,) in canonical order, its inverse by ids (n,), and each partition's node map."""
-    if len(partitions) == 1 and _ascending(partitions[0].global_ids):  # nothing to unite
+    if len(partitions) == 1 and _ascending(partitions[0].global_ids):  # with one partition there is nothing to join
         ids, points = partitions[0].global_ids, partitions[0].points
         order = canonical_order(points, ids)
         rank = _inverse(order)
@@ -212,7 +213,7 @@ def _inverse(order: Integers) -> Integers:
 
 
 def _check_coordinates(given: Floats, taken: Floats, ids: Integers, owners: Integers) -> None:
-    """Compare every partition's coordinates (r, d) with those taken for the node (r, d)."""
+    """Compare every partition's coordinates (r, d) with the coordinates (r, d) in use for the node."""
     gap = np.max(np.abs(given - taken), axis=1)
     limit = _COORDINATE_TOLERANCE * float(np.linalg.norm(np.ptp(taken, axis=0)))
     bad = np.flatnonzero(gap > limit)
@@ -237,7 +238,7 @@ def _check_coordinates(given: Floats, taken: Floats, ids: Integers, owners: Inte
 def _merge_cells(
     partitions: Sequence[PartitionMesh], node_maps: Sequence[Integers], nodes: int
 ) -> tuple[CellTable, tuple[CellOrigin | CellCount, ...]]:
-    """All cells in canonical order and where they came from, types in the order of CELL_TYPES."""
+    """All cells in canonical order and their origins, types in the order of CELL_TYPES."""
     tables: dict[str, Shorts] = {}
     origins: list[CellOrigin] = []
     counted: list[CellCount] = []
@@ -245,7 +246,7 @@ def _merge_cells(
         pieces = [(p, piece) for p, mesh in enumerate(partitions) for piece in mesh.cell_pieces(name)]
         if not pieces:
             continue
-        if not pieces[0][1].size:  # they stay with the client
+        if not pieces[0][1].size:  # the cells stay with the client
             own = np.bincount([p for p, _ in pieces], [len(piece) for _, piece in pieces], len(partitions))
             counted.append(CellCount(name, tuple(int(count) for count in own)))
             continue
@@ -267,8 +268,8 @@ def _merge_near(partitions: Sequence[PartitionMesh], node_maps: Sequence[Integer
 
 
 def _origin(name: str, lengths: Sequence[tuple[int, int]], order: NDArray[np.integer]) -> CellOrigin:
-    """Where cells came from that are put in this ``order`` (m,): (partition, number of cells) of each piece before."""
-    # kept as long as the session: none for an only partition
+    """The origins of cells put in this ``order`` (m,), from the (partition, number of cells) of each piece."""
+    # kept as long as the session; none for a single partition
     if len({p for p, _ in lengths}) == 1:
         return CellOrigin(name, np.broadcast_to(np.int32(lengths[0][0]), len(order)), order)
     counts = np.zeros(1 + max(p for p, _ in lengths), dtype=np.int64)
@@ -280,7 +281,7 @@ def _origin(name: str, lengths: Sequence[tuple[int, int]], order: NDArray[np.int
 
 
 def _check_no_duplicate(again: int, origin: CellOrigin) -> None:
-    """No row that equals the one before it; ``again`` is the first that does, or negative."""
+    """Check that no row equals the one before it; ``again`` is the first such row, or negative."""
     if again < 0:
         return
     places = [(int(origin.partition[row]), int(origin.local[row])) for row in (again - 1, again)]

@@ -1,8 +1,7 @@
-"""What n partitions uploaded, the merged mesh, and the mapping back to the partitions: nodes, cells, displacements.
+"""The uploads of n partitions, the merged mesh, and the mapping back to the partitions: nodes, cells, displacements.
 
-The numerics see the one mesh only, so that 1 and n partitions give identical arrays
-(:mod:`.merging` makes it). A node that several partitions move must be given the same displacement by each, as
-:mod:`mesh_motion_protocol.shared_nodes` says.
+The numerics use only the merged mesh, so that 1 and n partitions give identical arrays (:mod:`.merging` makes it). All
+partitions that move a node must give it the same displacement, as :mod:`mesh_motion_protocol.shared_nodes` says.
 """
 
 from collections.abc import Mapping, Sequence
@@ -25,23 +24,23 @@ __all__ = ["CellCount", "CellOrigin", "MergedMesh", "PartitionMesh", "joined"]
 
 @dataclass(frozen=True, eq=False)
 class PartitionMesh:
-    """What one partition uploaded, in its own local numbering.
+    """The upload of one partition, in its own local numbering.
 
     Attributes
     ----------
     points : (n, d) array, mesh length unit
     global_ids : (n,) int64 array
-        The same node has the same id in every partition; with one partition the local indices.
+        A node has the same id in every partition; with one partition the ids are the local indices.
     cells : dict
-        Type name → (m, n_nodes) integer local node indices, or the pieces that they came in; (m, 0) where the cells
-        stay with the client.
+        Type name → (m, n_nodes) integer local node indices, or the received pieces of them; (m, 0) if the cells stay
+        with the client.
     patches : dict
         Name → Patch with local node indices.
     facets : dict
         Type name → (f, k) local node indices of the facets of the partition's boundary, pointing outwards; only where
         the cells stay with the client.
     near : dict
-        As cells, of those near moving walls; only where the cells stay with the client.
+        The cells near moving walls, in the form of ``cells``; only if the cells stay with the client.
     """
 
     points: Floats
@@ -58,13 +57,13 @@ class PartitionMesh:
 
     @property
     def keeps_cells(self) -> bool:
-        """Whether it has cells that stay with the client."""
+        """Whether the partition has cells that stay with the client."""
         return any(not piece.size for name in self.cells for piece in self.cell_pieces(name))
 
 
 @dataclass(frozen=True, eq=False)
 class CellOrigin:
-    """Where the cells of one type came from, in canonical order: partition (m,), local index there (m,)."""
+    """The origin of the cells of one type, in canonical order: partition (m,), local index there (m,)."""
 
     type_name: str
     partition: NDArray[np.integer]
@@ -85,7 +84,7 @@ class CellOrigin:
 
 @dataclass(frozen=True, eq=False)
 class CellCount:
-    """The numbers of cells of one type that stay with the client, by partition: they count through the partitions."""
+    """The numbers of cells of one type that stay with the client, by partition; partitions are numbered through."""
 
     type_name: str
     counts: tuple[int, ...]
@@ -107,7 +106,7 @@ class CellCount:
 
 @dataclass(frozen=True, eq=False)
 class MergedMesh:
-    """One mesh in canonical order, and who sent what.
+    """One mesh in canonical order, and the origin of its parts.
 
     Attributes
     ----------
@@ -117,13 +116,13 @@ class MergedMesh:
     id_order : (n,) int64 array
         Canonical index of each node, ascending by global id: the order of the durable state.
     cells : CellTable
-        Empty where the cells stay with the client.
+        Empty if the cells stay with the client.
     patches : dict
         Name → Patch with canonical node indices, ascending; sorted by name.
     facets : dict
-        Type name → (f, k) canonical node indices of the whole boundary's facets, where clients send them.
+        Type name → (f, k) canonical node indices of the whole boundary's facets, if clients send them.
     near : CellTable
-        The cells near moving walls that clients send, if all others stay there.
+        The cells near moving walls that clients send, if all other cells stay with the clients.
     node_maps : tuple of (n_p,) int64 arrays
         Per partition: canonical index of each local node.
     moving_local : tuple of (k_p,) int64 arrays
@@ -194,7 +193,7 @@ class MergedMesh:
         raise IndexError(f"partition {partition} has no cell {local} of type {type_name}")
 
     def locate_node(self, node: int) -> tuple[int, int]:
-        """(lowest partition that holds it, local index there) of a canonical node index."""
+        """(lowest partition that has the node, local index there) of a canonical node index."""
         for partition, node_map in enumerate(self.node_maps):
             found = np.flatnonzero(node_map == node)
             if len(found):
@@ -213,7 +212,7 @@ class MergedMesh:
     def scatter_differences(self, moved: Floats, base: Floats, boundary_displacement: Floats) -> list[Floats]:
         """Displacements (n_p, d) from ``base`` to ``moved`` (n, d), in each partition's own order.
 
-        Those of the moving nodes are the ``boundary_displacement`` (k, d), rows in the order of ``moving``.
+        The displacements of the moving nodes are the ``boundary_displacement`` (k, d), rows in the order of ``moving``.
         """
         found = [differences_of(moved, base, node_map) for node_map in self.node_maps]
         for own, (local, rows) in zip(found, self._moving_places, strict=True):
@@ -222,18 +221,18 @@ class MergedMesh:
 
     @cached_property
     def _moving_places(self) -> list[tuple[Integers, Integers]]:
-        """Per partition: its local moving nodes, of any partition's list, and their rows in ``moving``."""
+        """Per partition: its local moving nodes, from any partition's list, and their rows in ``moving``."""
         is_moving = np.zeros(len(self.points), dtype=bool)
         is_moving[self.moving] = True
         local = [np.flatnonzero(is_moving[node_map]) for node_map in self.node_maps]
         return [(own, np.searchsorted(self.moving, m[own])) for own, m in zip(local, self.node_maps, strict=True)]
 
     def scatter_moving(self, values: Floats) -> list[Floats]:
-        """(k_p, c) rows of ``values`` (k, c) of the moving nodes, in each partition's order of ``moving_local``."""
+        """(k_p, c) rows of the moving nodes' ``values`` (k, c), in each partition's order of ``moving_local``."""
         return [np.take(values, np.searchsorted(self.moving, m[own]), axis=0) for m, own in self._moving_pairs()]
 
     def gather_sums(self, values: Sequence[Floats]) -> Floats:
-        """(n, c) the sums of what the partitions give (n_p, c) for the nodes that they hold."""
+        """(n, c) the sums of the values (n_p, c) that partitions give for their nodes."""
         out = np.zeros((len(self.points), values[0].shape[1]))
         for node_map, rows in zip(self.node_maps, values, strict=True):
             out[node_map] += rows
@@ -247,7 +246,7 @@ class MergedMesh:
         boundary_displacements : one (k_p, d) array per partition
             Rows in the order of ``moving_local``; finite.
         scale : float, optional
-            By which differences between partitions are measured; by default the extent of the mesh.
+            Unit for differences between partitions; by default the extent of the mesh.
 
         Returns
         -------
@@ -257,7 +256,7 @@ class MergedMesh:
         Raises
         ------
         InvalidInput
-            Where two partitions move one node differently; names its global id, the partitions and both values.
+            If two partitions move one node differently; names its global id, the partitions and both values.
         """
         if len(boundary_displacements) == 1:
             return self._single_gather(boundary_displacements[0])

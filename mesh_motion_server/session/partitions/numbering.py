@@ -83,15 +83,15 @@ def upload_view(mesh: MergedMesh) -> UploadView:
 
 
 def text_in_senders_numbers(text: str, mesh: MergedMesh) -> str:
-    """The text with its nodes, which are in canonical numbering, by their global ids."""
+    """The text with its nodes, which have canonical numbers, named by global ids."""
     return _NODE.sub(lambda found: f"node {mesh.global_ids[int(found[1])]}", text)
 
 
 def in_senders_numbers(error: _Error, mesh: MergedMesh) -> _Error:
-    """What is wrong with a motion, its nodes in canonical numbering, as their senders know them.
+    """Convert the error of a motion, whose nodes have canonical numbers, to the senders' numbering.
 
-    Message and details name nodes by global id, which with one partition is the local index; where there are several,
-    the details have the node's partition and local index too.
+    Message and details name nodes by global id, which with one partition is the local index; with several partitions,
+    the details also have the node's partition and local index.
     """
     translated, details = copy.copy(error), dict(error.details)
     translated.message = text_in_senders_numbers(error.message, mesh)

@@ -1,7 +1,7 @@
-"""One region of a mesh whose cells stay with the client, from what its ranks send of it.
+"""One region of a mesh whose cells stay with the client, made from the parts that its ranks send.
 
-Nodes and cells come into the order that they have in the whole mesh: a correction that sees the region then does what
-it does with the whole mesh, bit for bit.
+Nodes and cells are put in the order of the whole mesh: a correction of the region then gives the same result as with
+the whole mesh, bit for bit.
 """
 
 from collections.abc import Callable, Sequence
@@ -29,12 +29,12 @@ class MergedRegion:
     ids, rows : (n,) int64 arrays
         Global ids, and indices in the boundary's mesh; -1 for a node that was not uploaded.
     points, positions : (n, d) arrays, mesh length unit
-        In the reference mesh, and where the interpolation takes them.
+        Coordinates in the reference mesh, and after the interpolation.
     held : (n,) bool array
         Nodes on patches.
     between, settled : (k,), (s,) int64 arrays
-        Global ids of the nodes here that several ranks have, and of all periodic nodes with an image here; and of those
-        of them whose cells are all sent.
+        ``between``: global ids of the nodes in the region that several ranks have, and of all periodic nodes with an
+        image in the region. ``settled``: the global ids among them whose cells are all sent.
     """
 
     ids: Integers
@@ -51,23 +51,23 @@ class MergedRegion:
 def merge_regions(
     mesh: MergedMesh, regions: Sequence[Region], known: Callable[[Integers], Floats], orbits: Integers
 ) -> MergedRegion:
-    """Unite the regions of all partitions.
+    """Join the regions of all partitions.
 
     Parameters
     ----------
     mesh : MergedMesh
         The boundary.
     regions : sequence of Region
-        One of each partition; ids are global.
+        One region from each partition; ids are global.
     known : callable
         Indices (k,) of nodes in ``mesh`` → positions (k, d) to which the interpolation takes them.
     orbits : (n,) int64 array
-        The node of ``mesh`` that represents each and its periodic images.
+        The node of ``mesh`` that represents each node and its periodic images.
 
     Raises
     ------
     InvalidInput
-        If a partition sends cells or nodes that cannot be.
+        If a partition sends impossible cells or nodes.
     """
     for number, one in enumerate(regions):
         if one.points.shape[1] != mesh.points.shape[1]:
@@ -93,7 +93,7 @@ def merge_regions(
         positions[rows] = one.positions
         rim[rows[~one.whole]] = True
     positions[row_of(mesh.global_ids[own])] = known(own)
-    for node_map, there in zip(mesh.node_maps, sent, strict=True):  # a rank that sent nothing of a node has cells at it
+    for node_map, there in zip(mesh.node_maps, sent, strict=True):  # a rank without data about a node has cells at it
         absent = np.intersect1d(node_map[~there], here)
         rim[row_of(mesh.global_ids[absent])] = True
     alike = np.isin(orbits, orbits[here])
@@ -114,7 +114,7 @@ def merge_regions(
 
 
 class Rows:
-    """Rows of nodes, by global id."""
+    """Row numbers of nodes, by global id."""
 
     def __init__(self, ids: Integers) -> None:
         self._order = np.argsort(ids)

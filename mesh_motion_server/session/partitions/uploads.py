@@ -1,4 +1,4 @@
-"""The mesh of a session while it comes in: parts per partition, item and name, checked on arrival and counted."""
+"""The mesh of a session during the upload: parts per partition, item and name, checked on arrival and counted."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -16,11 +16,11 @@ from mesh_motion_server.session.partitions.meshes import PartitionMesh, joined
 
 __all__ = ["ITEMS", "MeshUpload", "Part"]
 
-#: What may be uploaded.
+#: Items that may be uploaded.
 ITEMS = ("nodes", "global_ids", "cells", "facets", "near_cells", "patch")
 
 _KINDS = {"f": "float", "i": "integer"}
-#: What a number counts for, in whichever width it comes.
+#: Bytes that count for one number, at any width on the wire.
 _ITEM_BYTES = 8
 _Key = tuple[str, str]
 _Rows = NDArray[Any]
@@ -56,7 +56,7 @@ class _Pile:
     roles: dict[str, str] = field(default_factory=dict)
 
     def drop_last(self, key: _Key) -> None:
-        """Forget the last part of an item; with its only part, a patch's role too."""
+        """Remove the last part of an item; with its only part, also a patch's role."""
         self.parts[key].pop()
         if not self.parts[key]:
             del self.parts[key]
@@ -64,11 +64,11 @@ class _Pile:
                 del self.roles[key[1]]
 
     def has(self, item: str) -> bool:
-        """Whether any row of an item has come."""
+        """Whether any row of an item has arrived."""
         return any(len(rows) for (of, _), pieces in self.parts.items() if of == item for rows in pieces)
 
     def whole(self) -> dict[_Key, _Rows]:
-        """Each item's rows, but for the cells, in one array, which takes the place of its parts."""
+        """Each item's rows (except cells) in one array, which replaces its parts."""
         for key, rows in self.parts.items():
             if key[0] != "cells":
                 self.parts[key] = [joined(rows)]
@@ -90,14 +90,14 @@ class MeshUpload:
     Parameters
     ----------
     byte_budget : int
-        What all parts may take together.
+        Limit for all parts together.
     evaluation : {"server", "client"}
-        With "client" cells come as rows without columns: only their number counts.
+        With "client", cells are rows without columns: only their number is used.
 
     Attributes
     ----------
     reach : float
-        Within which distance of the moving walls the cells were asked for, mesh length unit; 0: they were not yet.
+        Distance from the moving walls within which cells were requested, mesh length unit; 0: not requested yet.
     """
 
     def __init__(self, dimension: int, partitions: int, byte_budget: int, evaluation: str = "server") -> None:
@@ -111,18 +111,18 @@ class MeshUpload:
 
     @property
     def count(self) -> int:
-        """How many parts there are."""
+        """Number of parts."""
         return len(self._added)
 
     def add(self, partition: int, part: Part) -> int:
-        """Append one part; returns how many rows of this item and name the partition has now.
+        """Append one part; return the number of rows that the partition has now for this item and name.
 
         Raises
         ------
         InvalidInput
             On an unknown item, name or role, a wrong shape or type, or a coordinate that is not finite.
         ResourceExhausted
-            If the session's byte budget is passed.
+            If the session's byte budget is exceeded.
         """
         pile = self._piles[partition]
         self._check(part, partition, pile)
@@ -143,14 +143,14 @@ class MeshUpload:
         return sum(len(r) for r in rows)
 
     def back_to(self, count: int) -> None:
-        """Forget the parts after the first ``count``: their requests failed although they had been taken."""
+        """Remove the parts after the first ``count``: their requests failed although the parts had been stored."""
         while len(self._added) > count:
             added = self._added.pop()
             self.nbytes -= added.nbytes
             added.pile.drop_last(added.key)
 
     def check_reaches(self, reaches: Sequence[float]) -> None:
-        """Check that what the partitions say about cells near moving walls was asked for.
+        """Check that the reach that each partition names for cells near moving walls was requested.
 
         Raises
         ------
@@ -168,7 +168,7 @@ class MeshUpload:
                 )
 
     def without_layers(self, reaches: Sequence[float | None]) -> list[int]:
-        """The partitions for want of whose facets or cells near moving walls no layer can be carried."""
+        """The partitions without facets or cells near moving walls, because of which no layer can be carried."""
         piles = enumerate(zip(self._piles, reaches, strict=True))
         return [p for p, (pile, reach) in piles if reach is None or (pile.has("cells") and not pile.has("facets"))]
 
@@ -178,12 +178,12 @@ class MeshUpload:
         Raises
         ------
         InvalidInput
-            If a partition sent no nodes, or global ids are missing where they are needed.
+            If a partition sent no nodes, or if needed global ids are missing.
         """
         return [self._mesh(number, pile) for number, pile in enumerate(self._piles)]
 
     def clear(self) -> None:
-        """Forget all parts."""
+        """Remove all parts."""
         self._piles = [_Pile() for _ in self._piles]
         self._added = []
         self.nbytes = 0
@@ -210,7 +210,7 @@ class MeshUpload:
         )
 
     def _global_ids(self, number: int, count: int, rows: _Rows | None) -> Integers:
-        """(n,) ids as sent, or the local indices of an only partition."""
+        """(n,) ids as sent; for a single partition the local indices."""
         if rows is not None:
             return rows[:, 0]
         if len(self._piles) > 1:
@@ -223,7 +223,7 @@ class MeshUpload:
         return np.arange(count)
 
     def _columns(self, part: Part) -> int:
-        """How many columns a part must have, whose item and name are known."""
+        """Number of columns of a part with known item and name."""
         match part.item:
             case "nodes":
                 return self._dimension
@@ -236,7 +236,7 @@ class MeshUpload:
         return 1
 
     def _check(self, part: Part, partition: int, pile: _Pile) -> None:
-        """Item, name, role, shape, type and finiteness of one part."""
+        """Check item, name, role, shape, type and finiteness of one part."""
         _check_names(part, self._dimension, pile.roles)
         if part.item in ("facets", "near_cells") and self._evaluation == "server":
             raise _wrong_value(
@@ -262,7 +262,7 @@ class MeshUpload:
 
 
 def _kept(part: Part) -> _Rows:
-    """Rows of 8 bytes an item; of cells (k, c) of 4 where these hold the node numbers: an upload waits for BUILD."""
+    """Rows of 8 bytes an item; cells (k, c) of 4 if node numbers fit, because an upload is kept until BUILD."""
     rows = part.rows
     if part.item != "cells":
         return rows.astype(np.float64 if part.item == "nodes" else np.int64, copy=False)
@@ -276,7 +276,7 @@ def _title(part: Part) -> str:
 
 
 def _check_names(part: Part, dimension: int, roles: dict[str, str]) -> None:
-    """Item, cell type, patch name and role are known and agree with earlier parts."""
+    """Check that item, cell type, patch name and role are known and agree with earlier parts."""
     if part.item not in ITEMS:
         raise _wrong_value(f"UPLOAD: unknown item {part.item!r}; known are {', '.join(ITEMS)}", item=part.item)
     if part.item in ("cells", "near_cells"):
@@ -325,12 +325,12 @@ def _check_patch(part: Part, roles: dict[str, str]) -> None:
 
 
 def _wrong_value(message: str, **details: str) -> InvalidInput:
-    """An item, name or role that is none of those which the table of SPEC.md's section 13 has for it."""
+    """The error for an item, name or role outside the table of SPEC.md's section 13."""
     return InvalidInput(message, code="INVALID_ARGUMENT.VALUE", details=dict(details))
 
 
 def _check_finite(rows: _Rows, partition: int, before: int) -> None:
-    """No NaN, no infinity; names the partition's node."""
+    """Refuse NaN and infinity; names the partition's node."""
     bad = np.argwhere(~np.isfinite(rows))
     if len(bad):
         row, axis = (int(i) for i in bad[0])

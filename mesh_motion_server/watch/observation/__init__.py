@@ -1,4 +1,4 @@
-"""Read sessions from their folders alone: no request goes to a worker, so no worker is delayed.
+"""Reads sessions from their folders alone: no request goes to a worker, so no worker is delayed.
 
 - :mod:`.follow`: a session's events as they are written;
 - :mod:`.series`: columns by step, thinned to what a chart shows; :mod:`.steps`: the events of one step;

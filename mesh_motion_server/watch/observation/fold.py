@@ -1,8 +1,8 @@
-"""Which step an event belongs to, and which steps a crash has undone: one place for all readers of a history.
+"""The step of an event, and the steps that a crash has undone: common to all readers of a history.
 
 A history may begin at any step, because the oldest segments are removed, and may lack steps if recording stopped for a
 while. So steps are not counted; the step comes from the events that name it. A ``resumed`` event undoes the later
-steps, which a crash may have lost (durability ``relaxed``), and everything that was begun and not committed.
+steps, which a crash may have lost (durability ``relaxed``), and all uncommitted work.
 """
 
 import math
@@ -61,5 +61,5 @@ def is_corrected(correction: Mapping[str, Any]) -> bool:
 
 
 def number_of(value: float | None) -> float:
-    """A recorded number; NaN where there is none."""
+    """A recorded number; NaN if there is none."""
     return math.nan if value is None else float(value)

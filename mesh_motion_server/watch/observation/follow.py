@@ -47,7 +47,7 @@ class EventTail:
         """The next events, oldest first: at most this many bytes, or one line; empty if there is nothing new.
 
         ``brief`` empties the worst cells' tables, except in the latest returned ``moved`` and ``committed``: the tables
-        are two thirds of a history, and take more than half the time to read it.
+        are two thirds of a history, and reading them takes more than half the time.
         """
         events: list[dict[str, Any]] = []
         while most_bytes > 0 and (path := self._current()) is not None:
@@ -87,7 +87,7 @@ class EventTail:
         return data
 
     def _over(self, path: Path) -> bool:
-        """Whether the segment is read to its end and a newer one exists, which is then the next."""
+        """Whether the segment is read to its end and a newer segment exists, which is then read next."""
         later = [other for other in self._segments() if other > path]
         if not later or self._has_more(path):
             return bool(later)
@@ -155,7 +155,7 @@ def last_event(
                 if event is None:
                     continue
                 if step is not None and event.get("step", step) < step:
-                    return None  # all others are older
+                    return None  # all other lines are older
                 if (kinds is None or event["event"] in kinds) and step in (None, event.get("step")):
                     return event
     return None

@@ -80,7 +80,7 @@ class Followed:
         kind = event["event"]
         self._series.add(event)
         if kind == "resumed" and self._committed.get("step", 0) > event["step"]:
-            self._committed = {}  # its step was lost in a crash
+            self._committed = {}  # the step was lost in a crash
         if kind == "built":
             self.built = dict(event)
         if kind in ("moved", "committed"):
@@ -115,7 +115,7 @@ class Followed:
 
 
 def plain_column(column: Floats) -> list[float | None]:
-    """Numbers (n,) with as many digits as a chart shows, times to milliseconds; None for NaN and infinity."""
+    """Numbers (n,) with the digits that a chart shows, times to milliseconds; None for NaN and infinity."""
     finite = np.isfinite(column)
     safe = np.where(finite, column, 0.0)
     scale = 10.0 ** np.maximum(3, _DIGITS - 1 - np.floor(np.log10(np.maximum(np.abs(safe), 1e-12))))

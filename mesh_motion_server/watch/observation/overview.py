@@ -17,7 +17,7 @@ __all__ = ["Overview"]
 _LISTED = 200
 #: Values for a session that the supervisor does not know.
 _UNHELD = ("", "none")
-#: What is not known of a session whose mesh is not stored.
+#: Unknown values of a session whose mesh is not stored.
 _UNKNOWN: dict[str, Any] = {
     "label": "",
     "built": False,
@@ -34,7 +34,7 @@ class Overview:
     def __init__(self, state_folder: Path) -> None:
         self._sessions = Sessions(state_folder)
         self._latest: dict[str, Latest] = {}
-        self._stored: set[str] = set()  # stored at the last call, and those that still have a worker
+        self._stored: set[str] = set()  # sessions stored at the last call, and those that still have a worker
 
     def listed(self, live: list[list[Any]] | None = None) -> list[dict[str, Any]]:
         """The sessions, the last changed first; if there are too many, those with a worker stay in the list.
@@ -68,7 +68,7 @@ class Overview:
             state, step = (live[2], max(step, live[3])) if worker == "alive" else (state, step)
         if worker == "none" and state in ("TRIAL", "COMMITTING"):
             state = "READY"  # a trial ends with its worker
-        reported = recent.rests.get("event") == "failed"  # by the session itself, with its reason
+        reported = recent.rests.get("event") == "failed"  # failed by itself, with its own reason
         lost = worker != "alive" and view.state in (UNREADABLE, State.FAILED) and not reported
         minima = [None if math.isnan(commit.minimum) else round(commit.minimum, 6) for commit in recent.commits]
         return {

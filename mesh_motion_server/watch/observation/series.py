@@ -48,12 +48,12 @@ Columns = dict[str, Floats]
 class Series:
     """Columns by committed step, filled with events.
 
-    ``predicted_*`` is the corrected mesh's quality metric as the step's last Move predicted it, ``standard_min`` the
-    minimum that it predicted without a correction, ``actual_*`` that of the committed coordinates; NaN if not recorded.
-    Percentiles are those of the first Move of a step, so that
-    ``predicted_p1`` may lie below the ``predicted_min`` of a later one. ``iterations``, ``seconds_*``, ``refusals`` (of
-    Moves) and ``rollbacks`` are of all Moves of the step together, those rolled back included. ``at`` is Unix time,
-    ``reached`` 1 or 0, ``non_orthogonality`` the largest of the faces, degrees, where the step's last Move asked.
+    ``predicted_*``: the quality metric of the corrected mesh, as predicted by the step's last Move; ``standard_min``:
+    the minimum predicted without a correction; ``actual_*``: the metric of the committed coordinates; NaN if not
+    recorded. Percentiles are those of the first Move of a step, so that ``predicted_p1`` may lie below the
+    ``predicted_min`` of a later one. ``iterations``, ``seconds_*``, ``refusals`` (of Moves) and ``rollbacks`` are sums
+    over all Moves of the step, including those that were rolled back. ``at`` is Unix time, ``reached`` 1 or 0,
+    ``non_orthogonality`` the largest value of the faces, degrees, if the step's last Move requested it.
 
     Steps that were lost in a crash (``relaxed``) are removed when the session resumes before them.
 
@@ -96,7 +96,7 @@ class Series:
 
     @property
     def open_refusals(self) -> int:
-        """Refused Moves of the step that is not committed yet, which no column has."""
+        """Number of refused Moves of the step that is not committed yet, which is in no column."""
         return int(self._open["refusals"])
 
     def columns(self, most: int | None = None, *, first: int | None = None) -> Columns:
@@ -169,7 +169,7 @@ def _empty_step() -> dict[str, float]:
 
 
 def thinned(columns: Columns, most: int) -> Columns:
-    """Of more than ``most`` steps, that many groups of consecutive steps.
+    """Combine more than ``most`` steps into that many groups of consecutive steps.
 
     The step with the lowest actual (else predicted) minimum represents its group; refusals and rollbacks are summed
     over the group; iterations, seconds and inverted cells are its maxima, predicted minima its lowest. Extremes stay

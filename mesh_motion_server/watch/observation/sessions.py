@@ -41,8 +41,8 @@ class SessionView:
         The last committed step in the journal, or in the history if that is later (``relaxed``) and not lost in a crash
         (a process still holds the session).
     state : str
-        After the last event: READY, TRIAL, SUSPENDED, FROZEN, CLOSED or FAILED; of a session without events READY, or
-        FAILED where its files do not verify, UNREADABLE where the disk does not give them.
+        The state after the last event: READY, TRIAL, SUSPENDED, FROZEN, CLOSED or FAILED; for a session without events
+        READY, FAILED if its files do not verify, UNREADABLE if the disk does not give them.
     held : bool or None
         Whether a process holds it; None if the system does not report it.
     changed_at : float

@@ -29,7 +29,7 @@ _ENDS_A_TRIAL = ("committed", "rolled_back", "resumed", "suspended", "closed", "
 _BEGINS = ("built", "resumed", "joined")
 #: In these states no action of the client is expected.
 _RESTS = ("suspended", "closed", "failed", "frozen")
-#: With these verdicts steps still come at the usual pause.
+#: With these verdicts steps still arrive at the usual pause.
 _GOES_ON = ("running", "degrading")
 
 
@@ -106,7 +106,7 @@ class Recent:
             self.iteration, self.threshold = event["iteration"], event["quality"]["threshold"]
         elif kind == "resumed":
             while self.commits and self.commits[-1].step > event["step"]:
-                self.commits.pop()  # they were lost in a crash
+                self.commits.pop()  # these steps were lost in a crash
         elif kind == "refused":
             fraction = event.get("details", {}).get("fraction")
             passes = f"; {math.floor(100.0 * fraction)} % of the motion would pass" if fraction else ""
@@ -154,7 +154,7 @@ class Verdict:
     since : float
         Unix time when this state began; for a running session, its last commit. 0: unknown.
     ends_at : float
-        Unix time when a session that runs will end, by the end that its client sent. 0: unknown.
+        Unix time when a running session will end, from the final step that its client sent. 0: unknown.
     """
 
     kind: str
@@ -206,7 +206,7 @@ def server_gone(since: float) -> Verdict:
 
 
 def _stands(recent: Recent) -> str:
-    """Text with step, minimum and steps per hour."""
+    """Return text with step, minimum and steps per hour."""
     if not recent.commits:
         return f"trial {recent.iteration} of step 1" if recent.iteration else "no step yet"
     latest = recent.commits[-1]
@@ -265,7 +265,7 @@ def _degrading(recent: Recent) -> Verdict | None:
 
 
 def duration(seconds: float) -> str:
-    """A duration as readable text."""
+    """Return a duration as readable text."""
     if seconds < 1.0:
         return f"{1e3 * max(0.0, seconds):.0f} ms"
     if seconds < 10.0:

@@ -136,7 +136,7 @@ class Page:
         self._waiting[thread] += 1
         try:
             return await asyncio.get_running_loop().run_in_executor(thread, make)
-        except asyncio.CancelledError:  # by uvicorn, which would answer 500: a stop is no defect
+        except asyncio.CancelledError:  # raised by uvicorn, which would answer 500: a stop is no defect
             raise HTTPException(503, "the server stops") from None
         finally:
             self._waiting[thread] -= 1

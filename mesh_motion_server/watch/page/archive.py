@@ -62,13 +62,13 @@ class Archive:
         return self._answer(followed, (session,), followed.detail)
 
     def series(self, session: str, first: int | None, points: int) -> bytes:
-        """Its series, JSON; in the thread ``histories``."""
+        """The session's series, JSON; in the thread ``histories``."""
         followed = self._follow(session)
         asked = (session, first, points)
         return self._answer(followed, asked, lambda: followed.series(first, points))
 
     def mesh(self, session: str, *, dark: bool) -> tuple[bytes, float]:
-        """Its stored mesh as PNG, and the seconds until a newer one is drawn; in the thread ``meshes``."""
+        """The session's stored mesh as PNG, and the seconds until a newer one is drawn; in the thread ``meshes``."""
         folder = self._found(session)
         drawn = self._drawn.pop(session, None) or _Drawn(folder)
         self._drawn[session] = drawn

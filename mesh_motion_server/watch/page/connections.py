@@ -31,7 +31,8 @@ class BoundedProtocol(H11Protocol):
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         """Close a connection if there are too many, and start to wait for the request."""
-        # one turn of the loop accepts many: connections aborted in this turn are still listed, but count as closed
+        # one turn of the loop accepts many: connections that were aborted in this turn are still listed, but count as
+        # closed
         known: list[Any] = [each for each in self.connections if isinstance(each, BoundedProtocol)]
         others = [each for each in known if not each.transport.is_closing()]
         super().connection_made(transport)

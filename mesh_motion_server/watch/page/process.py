@@ -34,7 +34,8 @@ _MEMORY = 3 << 30
 _DESCRIPTORS = 256
 _BACKLOG = 64
 _REQUEST_BYTES = 16384
-#: Gives a tenth of a processor when solvers use all of them; 19 gave a hundredth, and a page took minutes to open.
+#: Niceness: gives a tenth of a processor when solvers use all of them; 19 gave a hundredth, and a page took minutes to
+#: open.
 _NICENESS = 10
 
 

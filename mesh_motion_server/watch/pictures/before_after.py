@@ -1,7 +1,7 @@
 """A mesh before and after a motion, coloured by quality: both meshes, a close-up of the worst cell, the distribution.
 
-A 2D mesh is drawn as it is, a 3D mesh cut by a plane through what moves, the close-up through its worst cell. Of a mesh
-of one dimension only the distribution is drawn.
+A 2D mesh is drawn as it is; a 3D mesh is cut by a plane through the moving nodes, and for the close-up through its
+worst cell. For a 1D mesh only the distribution is drawn.
 """
 
 from dataclasses import dataclass, field
@@ -20,11 +20,11 @@ from mesh_motion_server.watch.pictures.snapshot import Plane, Snapshot, choose_p
 __all__ = ["MeshPair", "draw_after", "draw_before_after"]
 
 
-#: From this width on, mm, the close-up stands next to both meshes.
+#: From this width on, mm, the close-up is next to both meshes.
 _WIDE_PAGE = 130.0
 #: A picture lower than this share of its width takes the page's whole width.
 _LONG = 0.4
-#: Of the picture of one mesh: the mesh's share of the width, and the heights of title and colour bar.
+#: In the picture of one mesh: the mesh's share of the width, and the heights of title and colour bar.
 _LEFT, _HEAD_MM, _FOOT_MM = 0.6, 7.0, 14.0
 #: Height of the history, as a share of the page's width.
 _HISTORY = 0.22
@@ -39,9 +39,9 @@ class MeshPair:
     metric : str
         The quality metric of the snapshots.
     titles : (str, str)
-        What each of them is.
+        The titles of the two meshes.
     enrichment_points : (k, d) array
-        Where enrichment functions were added in the step of ``after``; empty if unknown.
+        Places where enrichment functions were added in the step of ``after``; empty if unknown.
     """
 
     label: str
@@ -89,7 +89,7 @@ def draw_before_after(pair: MeshPair, page: Page, *, title: str | None = None, r
 
 
 def draw_after(pair: MeshPair, page: Page) -> Any:
-    """A matplotlib figure of the mesh after, and its worst cell: made in a second, because nothing is laid out."""
+    """A matplotlib figure of the mesh after, and its worst cell: made in a second, because it needs no layout."""
     mesh, plane = pair.after, choose_plane(pair.before, pair.after)
     window = choose_window(pair.before, mesh, plane)
     wide, high = window[1] - window[0]
@@ -110,7 +110,7 @@ def draw_after(pair: MeshPair, page: Page) -> Any:
 
 
 def _draw_meshes(figure: Any, axes: Any, pair: MeshPair, plane: Plane | None, window: Floats, page: Page) -> None:
-    """Both meshes, the close-up, and the colour bar; it has a pink end only where a cell is inverted."""
+    """Draw both meshes, the close-up, and the colour bar; the bar has a pink end only if a cell is inverted."""
     for name, mesh, what in zip("ab", (pair.before, pair.after), pair.titles, strict=True):
         colours = draw_mesh(axes[name], mesh, plane, f"{what}, {mesh.extreme}".replace(", m", "\nm"), window, page)
     _mark_enrichment(axes["b"], pair, plane, page)
@@ -138,7 +138,7 @@ def _bar_label(pair: MeshPair) -> str:
 
 
 def _arrangement(dimension: int, window: Floats, page: Page) -> tuple[list[str], list[float], float]:
-    """Rows of panels (a, b the meshes, c close-up, d distribution), shares of columns, the suitable height, mm."""
+    """Rows of panels (a, b the meshes, c close-up, d distribution), shares of columns, and the suitable height, mm."""
     ratio = float((window[1, 1] - window[0, 1]) / (window[1, 0] - window[0, 0]))
     head, text = 26.0, 11.0
     if dimension == 1:
@@ -152,7 +152,7 @@ def _arrangement(dimension: int, window: Floats, page: Page) -> tuple[list[str],
 
 
 def _mark_enrichment(axes: Any, pair: MeshPair, plane: Plane | None, page: Page) -> None:
-    """Crosses where enrichment functions were added, in 2D; in 3D they lie inside, and only their number is shown."""
+    """Draw crosses where enrichment functions were added, in 2D; in 3D they are inside: only their number is shown."""
     places = pair.enrichment_points
     if not len(places):
         return
@@ -167,14 +167,14 @@ def _mark_enrichment(axes: Any, pair: MeshPair, plane: Plane | None, page: Page)
 
 
 def _draw_distribution(axes: Any, pair: MeshPair, page: Page) -> None:
-    """How many cells are worse than a value."""
+    """Draw the number of cells that are worse than a value."""
     theme, falls = page.theme, pair.after.scale[1] < pair.after.scale[0]
     for mesh, colour, dash, label in zip(
         (pair.before, pair.after), (theme.faint, theme.runs[0]), theme.dashes[1::-1], pair.titles, strict=True
     ):
         values = np.sort(mesh.badness)
         shown = np.unique(np.linspace(0, len(values) - 1, min(len(values), 2000)).astype(np.int64))
-        shown = np.union1d(np.arange(min(len(values), 200)), shown)  # every one of the worst
+        shown = np.union1d(np.arange(min(len(values), 200)), shown)  # each of the worst cells
         share = 100.0 * (shown + 1) / len(values)
         axes.step(np.abs(values[shown]) if falls else values[shown], share, color=colour, linestyle=dash,
                   where="post", label=label)  # fmt: skip

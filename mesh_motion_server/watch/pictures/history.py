@@ -1,4 +1,4 @@
-"""The history of one run, or of several over each other: quality, iterations, seconds, enrichment points, faces.
+"""The history of one run, or of several in the same axes: quality, iterations, seconds, enrichment points, faces.
 
 For one run, the quality panel has the minimum and the mean after each step, the percentiles as bands, the prediction
 before any node moved as a wide pale line below (visible where the prediction differs), the motion without its
@@ -28,12 +28,13 @@ _FEW = 40
 _HALF_DASH = 0.25
 #: A first step is cut off if it took this many times as long as any later step: it makes the factorizations.
 _TALL = 3.0
-#: Heights, mm: of the quality panel, as a share of the width within limits, and of any other as a share of that.
+#: Heights, mm: of the quality panel as a share of the width within limits, of any other panel as a share of the quality
+#: panel.
 _HEIGHT, _LOWEST, _HIGHEST, _SMALL = 0.42, 38.0, 80.0, 0.5
 
 
 def panels_of(runs: Sequence[Run]) -> list[str]:
-    """The panels that have something to show, in order."""
+    """The panels that have data to show, in order."""
     return [name for name, (_, has) in PANELS.items() if any(has(run) for run in runs)]
 
 
@@ -49,7 +50,7 @@ def draw_history(
     title : str, optional
         None: the label of a single run; "": none.
     panels : sequence of str, optional
-        Of :data:`PANELS`, from top to bottom; None: those that have something to show.
+        Panels of :data:`PANELS`, from top to bottom; None: all that have data to show.
 
     Raises
     ------
@@ -93,7 +94,7 @@ def draw_quality(axes: Any, runs: Sequence[Run], page: Page) -> None:
     else:
         _draw_several(axes, runs, page)
     _draw_refused(axes, runs, page)
-    if any(np.any(run.columns["actual_min"] <= 0) for run in runs):  # an inverted cell
+    if any(np.any(run.columns["actual_min"] <= 0) for run in runs):  # marks an inverted cell
         axes.axhline(0.0, color=page.theme.refused, linewidth=0.6)
     axes.set_ylabel(runs[0].metric)
     low, high = axes.get_ylim()
@@ -138,7 +139,10 @@ def _draw_several(axes: Any, runs: Sequence[Run], page: Page) -> None:
 
 
 def _shown(label: str) -> str:
-    """Matplotlib leaves names that begin with an underscore out of a legend; a space before it lets them in."""
+    """Make a name visible in a legend.
+
+    Matplotlib leaves out names that begin with an underscore, so a space is added in front.
+    """
     return f" {label}" if label.startswith("_") else label
 
 

@@ -1,4 +1,4 @@
-"""A mesh in matplotlib axes: its cells, or those of a cut, coloured by quality, and a mark on the worst one."""
+"""A mesh in matplotlib axes: its cells, or the cut of its cells, coloured by quality, and a mark on the worst one."""
 
 from typing import Any
 
@@ -25,7 +25,7 @@ def draw_mesh(axes: Any, mesh: Snapshot, plane: Plane | None, title: str, window
     Parameters
     ----------
     plane : Plane or None
-        Where a 3D mesh is cut.
+        The cut of a 3D mesh.
     window : (2, 2) array
         Lower and upper corner of the shown part.
     """
@@ -34,7 +34,7 @@ def draw_mesh(axes: Any, mesh: Snapshot, plane: Plane | None, title: str, window
     _show(axes, window - [[0.02], [-0.02]] * (window[1] - window[0]))
     _mark_worst(axes, mesh, polygons, window, page)
     where = "" if plane is None else f", cut at {'xyz'[plane.axis]} = {plane.position:.3g}"
-    if "\n" in title:  # there is no room for more on its line
+    if "\n" in title:  # its line has no room for more
         where = where.replace(", ", "\n")
     axes.set_title(f"{title}{where}")
     return colours
@@ -69,7 +69,7 @@ def draw_closeup(axes: Any, mesh: Snapshot, plane: Plane | None, page: Page) -> 
 
 
 def draw_polygons(axes: Any, polygons: Polygons, mesh: Snapshot, page: Page) -> Any:
-    """Draw polygons of a mesh in the colours of their cells' quality, inverted ones apart; return what a bar needs."""
+    """Draw polygons of a mesh in the colours of their cells' quality, inverted ones apart; return the bar's data."""
     from matplotlib.collections import PolyCollection  # noqa: PLC0415
 
     values = mesh.quality[polygons.cells]
@@ -84,7 +84,7 @@ def draw_polygons(axes: Any, polygons: Polygons, mesh: Snapshot, page: Page) -> 
         linewidths=width,
         rasterized=in_pixels,
     )
-    axes.add_collection(colours, autolim=False)  # the window is set, and computing the extents is slow
+    axes.add_collection(colours, autolim=False)  # the window is already set, and computing the extents is slow
     folded = mesh.inverted[polygons.cells]
     if folded.any():
         axes.add_collection(
@@ -107,7 +107,7 @@ def _polygons(mesh: Snapshot, plane: Plane | None) -> Polygons:
 
 
 def _within(polygons: Polygons, window: Floats) -> Polygons:
-    """The polygons that reach into the window, or nearly."""
+    """The polygons that are at least partly in the window, or nearly."""
     margin = 0.05 * (window[1] - window[0])
     low, high = window[0] - margin, window[1] + margin
     corners = polygons.corners
@@ -121,7 +121,7 @@ def _show(axes: Any, window: Floats) -> None:
 
 
 def _mark_worst(axes: Any, mesh: Snapshot, polygons: Polygons, window: Floats, page: Page) -> None:
-    """Draw a ring around the worst cell, the one that titles and close-up are about; no other cell gets one."""
+    """Draw a ring around the worst cell, which titles name and the close-up shows; no other cell has a ring."""
     for corners in polygons.corners[polygons.cells == mesh.worst][:1]:
         place = np.unique(corners, axis=0).mean(axis=0)
         if ((place >= window[0]) & (place <= window[1])).all():

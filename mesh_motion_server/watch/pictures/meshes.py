@@ -1,4 +1,4 @@
-"""The meshes of a run at two times, for a picture: from a session's folder or from one that ``play`` wrote."""
+"""The meshes of a run at two times, for a picture: from a session's folder or from a folder of ``play``."""
 
 import re
 from pathlib import Path
@@ -52,7 +52,7 @@ def read_pair(folder: Path, metric: str | None = None, first: int | None = None,
     metric : str, optional
         One of :data:`~.runs.METRICS` or FACE_METRICS; None: a session's own, size-skew of a played case.
     first, last : int, optional
-        Steps; by default the opening, and the worst step of a played case or the stored one of a session.
+        Steps; by default the opening, and the worst step of a played case or the stored step of a session.
 
     Raises
     ------

@@ -43,7 +43,7 @@ PRESETS: dict[str, tuple[float, float | None]] = {
 _LIMITS_MM = (30.0, 1500.0)
 _MM_PER_INCH = 25.4
 _POINTS = 8.0
-#: Slides need a larger font, because people read them from a distance.
+#: Slides need a larger font because people read them from a distance.
 _SLIDE_POINTS = 12.0
 
 
@@ -70,7 +70,7 @@ class Page:
     dpi: int = 300
 
     def inches(self, natural_height: float) -> tuple[float, float]:
-        """Width and height, inches; ``natural_height`` (mm) is the content's own."""
+        """Width and height, inches; ``natural_height`` (mm) is the height of the content."""
         return self.width / _MM_PER_INCH, (self.height or natural_height) / _MM_PER_INCH
 
 
@@ -102,12 +102,12 @@ def pictures_are_possible() -> bool:
 
 @contextmanager
 def styled(page: Page) -> Iterator[None]:
-    """matplotlib's settings while a figure is made on this page, and saved."""
+    """Set matplotlib for a figure on this page, while it is made and saved."""
     import matplotlib  # noqa: PLC0415  (an extra)
 
     theme, points = page.theme, page.points
     settings: Any = {
-        "font.family": "DejaVu Sans",  # comes with matplotlib: the same picture everywhere
+        "font.family": "DejaVu Sans",  # this font comes with matplotlib: the same picture on every system
         "font.size": points,
         "axes.titlesize": points,
         "axes.labelsize": points,
@@ -141,7 +141,7 @@ def styled(page: Page) -> Iterator[None]:
         "grid.alpha": 0.35,
         "pdf.fonttype": 42,
         "svg.hashsalt": "mesh-motion",
-        "text.parse_math": False,  # a name may have dollar signs
+        "text.parse_math": False,  # a name may contain dollar signs
     }
     with matplotlib.rc_context(settings):
         yield
@@ -171,9 +171,9 @@ def save(figure: Any, path: Path, page: Page) -> None:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with replacing(path) as file, warnings.catch_warnings():
-            warnings.filterwarnings("ignore", "Glyph")  # what a font lacks is a box in the picture
+            warnings.filterwarnings("ignore", "Glyph")  # characters missing in a font become boxes in the picture
             _make_inert(figure)
-            for _ in range(2):  # with panels of a fixed aspect, one pass leaves titles over each other
+            for _ in range(2):  # in one pass, panels of a fixed aspect would leave titles over each other
                 figure.get_layout_engine().execute(figure)
             figure.savefig(file, format=kind, dpi=page.dpi, metadata=nothing)
     except OSError as error:
@@ -181,15 +181,15 @@ def save(figure: Any, path: Path, page: Page) -> None:
 
 
 def _make_inert(figure: Any) -> None:
-    """Names come from files and clients: an SVG of one with control characters is no XML, and matplotlib's warnings
-    would print it.
+    """Make text safe, because names come from files and clients: an SVG with control characters is no XML, and
+    matplotlib's warnings would print them.
     """
     for text in figure.findobj(lambda artist: hasattr(artist, "set_text")):
         text.set_text("\n".join(map(plain, text.get_text().split("\n"))))
 
 
 def format_of(path: Path) -> str:
-    """One of :data:`FORMATS`, by the suffix.
+    """Return one of :data:`FORMATS`, by the suffix.
 
     Raises
     ------

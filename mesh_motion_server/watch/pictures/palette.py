@@ -1,9 +1,9 @@
-"""The colours of all pictures, also of those that the monitor page shows.
+"""The colours of all pictures, including those of the monitor page.
 
 Quality is coloured by viridis (van der Walt and Smith, SciPy 2015), which is perceptually uniform: its lightness grows
 evenly, so that a print without colour and people of every colour vision still order the cells. An inverted cell has a
-colour that viridis has not. Lines take the colours of Okabe and Ito (2008), which people of every
-kind of colour vision can distinguish, and differ in their dashes too.
+colour that is not in viridis. Lines have the colours of Okabe and Ito (2008), which people with every kind of colour
+vision can distinguish, and also different dashes.
 """
 
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ class Theme:
     Attributes
     ----------
     paper, ink, faint : str
-        Background; text and outlines; grids, and what stands behind.
+        Background; text and outlines; grids and background items.
     edge : str
         Edges of cells, with an opacity.
     runs : tuple of str
@@ -66,7 +66,7 @@ DARK = Theme(
 
 
 def colour_scale(scale: tuple[float, float]) -> Any:
-    """matplotlib's colours of values between the (bad, good) ends of a scale: its ``norm`` and ``cmap``."""
+    """matplotlib's ``norm`` and ``cmap`` for values between the (bad, good) ends of a scale."""
     from matplotlib import colormaps  # noqa: PLC0415  (an extra)
     from matplotlib.cm import ScalarMappable  # noqa: PLC0415
     from matplotlib.colors import Normalize  # noqa: PLC0415

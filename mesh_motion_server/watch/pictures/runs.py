@@ -1,4 +1,4 @@
-"""A run's history as columns, from a session's folder or from one that ``mesh-motion play`` wrote."""
+"""A run's history as columns, from a session's folder or from a folder that ``mesh-motion play`` wrote."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ __all__ = [
 ]
 
 METRICS = tuple(str(choice) for choice in KEYS["quality_metric"].choices)
-#: Every session records these, and the first is what is drawn of a played case.
+#: Metrics that every session records; the first is drawn for a played case.
 _RECORDED = ("size-skew", "size", "skew")
 
 
@@ -50,7 +50,8 @@ class Run:
     threshold : float or None
         The quality below which motions are corrected; None: unknown, or of another metric.
     columns : dict of str to (s,) arrays
-        By committed step, named as in :class:`~mesh_motion_server.watch.observation.series.Series`; NaN where unknown.
+        Values by committed step, with the names of :class:`~mesh_motion_server.watch.observation.series.Series`; NaN if
+        unknown.
     refused : tuple of int
         The steps for which a motion was refused.
     """
@@ -86,7 +87,7 @@ class Run:
         return replace(self, columns=columns, refused=tuple(step for step in self.refused if low <= step <= high))
 
     def thinned(self, most: int) -> Run:
-        """The run in at most so many groups of steps; extremes stay visible."""
+        """The run in at most this many groups of steps; extremes stay visible."""
         return replace(self, columns=thinned(self.columns, most))
 
 
@@ -207,7 +208,7 @@ def read_played(folder: Path, metric: str | None = None) -> Run:
     Parameters
     ----------
     metric : str, optional
-        As the columns of ``steps.csv`` name it; None: the run's own.
+        Name in the columns of ``steps.csv``; None: the run's own metric.
 
     Raises
     ------

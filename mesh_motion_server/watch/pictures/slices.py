@@ -1,4 +1,4 @@
-"""Plane polygons of a mesh for drawing: the cells of a 2D mesh, or a 3D mesh's cells cut by a plane."""
+"""2D polygons of a mesh for drawing: the cells of a 2D mesh, or a 3D mesh's cells cut by a plane."""
 
 from dataclasses import dataclass
 
@@ -18,13 +18,13 @@ _EDGES: dict[str, tuple[tuple[int, int], ...]] = {
     "wedge": ((0, 1), (1, 2), (2, 0), (3, 4), (4, 5), (5, 3), (0, 3), (1, 4), (2, 5)),
     "pyramid": ((0, 1), (1, 2), (2, 3), (3, 0), (0, 4), (1, 4), (2, 4), (3, 4)),
 }  # fmt: skip
-#: Of the cut of a hexahedron.
+#: Largest number of corners of a hexahedron's cut.
 _MOST_CORNERS = 6
 
 
 @dataclass(frozen=True, eq=False)
 class Polygons:
-    """Polygons with the number of the cell each belongs to.
+    """Polygons, with the number of each polygon's cell.
 
     Attributes
     ----------
@@ -66,7 +66,7 @@ def cut(points: Floats, cells: CellTable, axis: int, position: float) -> Polygon
 
 
 def _around(places: Floats, valid: Marks) -> Floats:
-    """(p, k, 2) the valid ones of points (p, e, 2) in the order of their angle about their mean, the last repeated."""
+    """(p, k, 2) the valid points of (p, e, 2), in the order of their angle about their mean, the last one repeated."""
     count = valid.sum(axis=1)[:, None]
     middle = np.where(valid[:, :, None], places, 0.0).sum(axis=1) / count
     x, y = np.moveaxis(places - middle[:, None], 2, 0)

@@ -9,9 +9,9 @@ from mesh_motion_numerics.mesh.cells import CellTable
 __all__ = ["Plane", "Snapshot", "choose_plane", "choose_window"]
 
 
-#: A picture shows only the surroundings of the moving nodes if they take less than this share of it.
+#: A picture shows only the surroundings of the moving nodes if these take less than this share of it.
 _CROP_BELOW = 0.4
-#: How much is shown around the moving nodes, as a share of their largest extent.
+#: Width of the surroundings around the moving nodes, as a share of their largest extent.
 _MARGIN = 0.5
 
 
@@ -25,11 +25,11 @@ class Snapshot:
         0 at opening.
     points : (n, d) array
     quality : (m,) array
-        Of each cell.
+        Quality of each cell.
     moving : (k,) int64 array
         The moving nodes.
     folded : (m,) bool array, optional
-        Which cells are inverted; if omitted, those of quality 0 or less, as for a metric that includes the size.
+        The inverted cells; if omitted, cells of quality 0 or less, as for a metric that includes the size.
     scale : (bad, good)
         Values at the ends of the colour map.
     """
@@ -44,7 +44,7 @@ class Snapshot:
 
     @property
     def inverted(self) -> Marks:
-        """(m,) which cells are inverted."""
+        """(m,) whether each cell is inverted."""
         return self.quality <= 0 if self.folded is None else self.folded
 
     @property
@@ -83,7 +83,7 @@ def choose_plane(before: Snapshot, after: Snapshot) -> Plane | None:
         return None
     start, moved = before.points[before.moving], after.points[after.moving]
     motion = moved - start
-    if not len(motion):  # nothing moves: across the middle of the shortest axis
+    if not len(motion):  # no node moves: across the middle of the shortest axis
         axis = int(np.argmin(np.ptp(after.points, axis=0)))
         return Plane(axis, float(after.points[:, axis].mean()))
     axis = int(np.argmin((motion**2).sum(axis=0)))
@@ -93,7 +93,7 @@ def choose_plane(before: Snapshot, after: Snapshot) -> Plane | None:
 
 
 def choose_window(before: Snapshot, after: Snapshot, plane: Plane | None) -> Floats:
-    """(2, 2) lower and upper corner of the part of the picture where something moves, or of all of it."""
+    """(2, 2) lower and upper corner of the part of the picture where nodes move, or of the whole picture."""
     dimension = before.points.shape[1]
     drawn = [axis for axis in range(dimension) if plane is None or axis != plane.axis]
     both = np.concatenate([before.points, after.points])[:, drawn]
@@ -108,7 +108,7 @@ def choose_window(before: Snapshot, after: Snapshot, plane: Plane | None) -> Flo
 
 
 def _around(moving: Floats, low: Floats, high: Floats) -> Floats:
-    """(2, d) box around places (k, d), or that from ``low`` to ``high`` where it is not much larger."""
+    """(2, d) box around places (k, d), or the box from ``low`` to ``high`` if that is not much larger."""
     if not len(moving):
         return np.array([low, high])
     margin = _MARGIN * float(np.ptp(moving, axis=0).max())

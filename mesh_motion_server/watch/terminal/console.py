@@ -1,8 +1,8 @@
-"""The only way to Rich: no text is ever markup, and none has control characters.
+"""The only access to Rich: no text is ever markup, and no text has control characters.
 
-Labels, names of patches and messages come from clients and files. Rich would take ``[/x]`` in one for an error,
-``[link=…]`` for a hyperlink and ``[coarse]`` for a style. So nothing else here makes a console, a table, a text or a
-progress bar of Rich; a test over the sources shows it.
+Labels, names of patches and messages come from clients and files. In such text Rich would read ``[/x]`` as an error,
+``[link=…]`` as a hyperlink and ``[coarse]`` as a style. So no other module makes a console, a table, a text or a
+progress bar of Rich; a test of the sources checks this.
 """
 
 from __future__ import annotations
@@ -22,18 +22,18 @@ __all__ = ["Advance", "Table", "console", "inert", "progress_bar", "working"]
 
 
 class Advance(Protocol):
-    """Shows how much is done, with some words."""
+    """Shows the progress, with some words."""
 
     def __call__(self, done: int, total: int, words: str) -> None: ...
 
 
 def console(**options: Any) -> rich.console.Console:
-    """A console that takes strings as they are; long lines go on in the next line where ``soft_wrap`` says so."""
+    """A console that prints strings unchanged; with ``soft_wrap`` long lines continue on the next line."""
     return rich.console.Console(markup=False, emoji=False, highlight=False, **options)
 
 
 def inert(*lines: object, style: str = "") -> Text:
-    """Text as it is, on these lines and no others."""
+    """Text without markup, on these lines and no others."""
     return Text("\n".join(map(plain, lines)), style=style)
 
 
@@ -51,14 +51,14 @@ class Table(rich.table.Table):
 
 @contextmanager
 def working(what: str) -> Iterator[Callable[[str], None]]:
-    """A spinner on standard error with what is being done; a function to change the words."""
+    """Show a spinner on standard error with a description of the work; yield a function to change this text."""
     with console(stderr=True).status(inert(what)) as status:
         yield lambda words: status.update(inert(words))
 
 
 @contextmanager
 def progress_bar(what: str) -> Iterator[Advance]:
-    """A bar on standard error that vanishes at the end; a function (done, total, words) to advance it."""
+    """Show a bar on standard error that disappears at the end; yield a function (done, total, words) to advance it."""
     words = TextColumn("{task.description}", markup=False)
     columns = TextColumn("step", markup=False), MofNCompleteColumn(), BarColumn(), TimeElapsedColumn(), words
     with Progress(*columns, console=console(stderr=True), transient=True) as progress:

@@ -33,7 +33,7 @@ def watch(source: FolderSource, session: str | None, every: float) -> int:
     screen, keyboard = console(), sys.stdin.fileno()
     look, read_at = Look([]), 0.0
     with _single_keys(keyboard), Live(console=screen, screen=True, auto_refresh=False) as live:
-        signal.signal(signal.SIGTERM, _end)  # Live then leaves the alternate screen
+        signal.signal(signal.SIGTERM, _end)  # Live then restores the normal screen
         while True:
             trouble = ""
             try:

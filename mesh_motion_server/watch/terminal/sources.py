@@ -1,4 +1,4 @@
-"""The sessions of a state folder for a terminal: the same values as the monitor page shows, without a server."""
+"""The sessions of a state folder for a terminal: the same values as on the monitor page, without a server."""
 
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,8 @@ from mesh_motion_server.watch.observation.reading import Reading
 
 __all__ = ["FolderSource", "Unreadable"]
 
-#: Steps of a history that the lowest minimum is sought in; of a longer one each stands for its neighbours, the lowest.
+#: Number of steps of a history in which the lowest minimum is searched; in a longer history each step represents its
+#: neighbours by the lowest.
 _POINTS = 600
 
 
@@ -37,7 +38,7 @@ class FolderSource:
         self._reading: tuple[str, Reading] | None = None
 
     def sessions(self) -> list[dict[str, Any]]:
-        """All sessions as :class:`Overview` has them, those that a process holds first, then by label.
+        """All sessions in the form of :class:`Overview`, first those that a process holds, then by label.
 
         Raises
         ------
@@ -54,7 +55,7 @@ class FolderSource:
         return sorted(found, key=lambda one: (one["worker"] == "none", not one["label"], one["label"], one["session"]))
 
     def details(self, session: str) -> dict[str, Any] | None:
-        """One session as :class:`Reading` has it, and its ``last`` step's columns; None if it is gone.
+        """One session in the form of :class:`Reading`, and the columns of its ``last`` step; None if it is gone.
 
         ``lowest`` is the step and value of the lowest minimum so far.
         """

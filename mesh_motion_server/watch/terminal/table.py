@@ -63,7 +63,7 @@ def _place(sessions: Sequence[dict[str, Any]], wanted: str | None) -> int:
 
 
 def rendered(where: str, look: Look, trouble: str = "", most_rows: int | None = None) -> RenderableType:
-    """The look for a console; of a longer list ``most_rows`` sessions around the chosen one."""
+    """The look for a console; from a longer list ``most_rows`` sessions around the chosen one."""
     count = len(look.sessions)
     rows: list[RenderableType] = [inert(f"{where}: {count} session{'s' if count != 1 else ''}", style="bold")]
     if look.sessions and all(entry["worker"] == "none" for entry in look.sessions):

@@ -25,7 +25,7 @@ def plain(text: object) -> str:
 
 
 def _is_shown(letter: str) -> bool:
-    """Python counts all spaces but one as not printable: U+202F in ``12 000``, U+00A0."""
+    """Whether a character is shown. Python counts all spaces but one as not printable: U+202F in ``12 000``, U+00A0."""
     return letter.isprintable() or unicodedata.category(letter) == "Zs"
 
 

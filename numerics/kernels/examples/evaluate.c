@@ -70,7 +70,7 @@ static void make_mesh(void)
     }
 }
 
-/* Column j of the interpolation matrix: the function around control point j alone, at all of them. */
+/* Column j of the interpolation matrix: the basis function of control point j, at all control points. */
 static void fill_column(int64_t j, double *column)
 {
     const double one = 1.0;
@@ -80,8 +80,8 @@ static void fill_column(int64_t j, double *column)
     mesh_motion_interpolant_free(single);
 }
 
-/* Weights with which the interpolant meets the given displacements: Cholesky's L of the matrix, which is symmetric and
- * positive definite, then L and its transpose are solved with. */
+/* Weights with which the interpolant reproduces the given displacements: the Cholesky factor L of the matrix, which is
+ * symmetric and positive definite, then two solves with L and its transpose. */
 static void solve(void)
 {
     int64_t n = centre_count;

@@ -1,12 +1,12 @@
-! mesh_motion_kernels.h in Fortran: the same calls, with what the header says of them.
+! mesh_motion_kernels.h in Fortran: the same calls; the header describes them.
 !
 !     use mesh_motion_kernels
 !     type(c_ptr) :: field
 !     failed = mesh_motion_interpolant_create("wendland-c2"//c_null_char, radius, 2_c_int64_t, centres, &
 !                                             control_points, 2_c_int64_t, weights, field)
 !
-! Arrays are those of C with their axes the other way round: points (d, n), weights (components, centres), nodes of
-! cells (nodes of the type, cells), gradients (d, components, n). Nodes and cells count from 0. Text ends with
+! Arrays have the axes of C in reverse order: points (d, n), weights (components, centres), nodes of cells
+! (nodes of the type, cells), gradients (d, components, n). Nodes and cells count from 0. Text ends with
 ! c_null_char.
 module mesh_motion_kernels
    use, intrinsic :: iso_c_binding
@@ -331,7 +331,7 @@ module mesh_motion_kernels
 
 contains
 
-   ! What was expected by the last call of this thread that failed.
+   ! The error message of the last failed call of this thread.
    function mesh_motion_kernels_error() result(message)
       character(:), allocatable :: message
       interface

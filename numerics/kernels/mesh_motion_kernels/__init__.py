@@ -1,8 +1,8 @@
 """The compiled loops of the mesh-motion server, for the vector width of this machine.
 
-Results do not depend on it: :data:`LEVEL` says which was taken, the environment variable ``MESH_MOTION_LEVEL`` asks for
-a narrower one (``v2``, ``v3``, ``v4``; another machine than x86-64 has ``base`` alone). What the functions do, their
-arrays and errors stand in ``kernels/src``.
+Results do not depend on the width. :data:`LEVEL` is the level in use; the environment variable ``MESH_MOTION_LEVEL``
+selects a narrower one (``v2``, ``v3``, ``v4``; machines other than x86-64 have only ``base``). The headers in
+``kernels/src`` describe the functions, their arrays and errors.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ __all__ = ["LEVEL"]
 
 
 def _chosen() -> str:
-    """The widest level that is built and runs here, or the one that is asked for."""
+    """Return the widest level that was built and runs on this machine, or the requested one."""
     built = sorted(found.name for found in Path(__file__).parent.iterdir() if found.is_dir() and found.name[0] in "bv")
     fit = [name for name in built if name <= _widest()]
     asked = os.environ.get("MESH_MOTION_LEVEL") or max(fit, default="")

@@ -1,4 +1,5 @@
-// How arrays come from Python and go back: of the exact type, C-contiguous, never converted, or it is a TypeError.
+// Arrays from and to Python: of the exact type and C-contiguous. They are never converted; other arrays are a
+// TypeError.
 #pragma once
 
 #include <nanobind/nanobind.h>
@@ -52,8 +53,9 @@ struct type_caster<mesh_motion::Owned<T, N, Values>> {
 
 namespace mesh_motion {
 
-/// The interpreter's lock given back while a loop runs. An interpreter that has ended meanwhile ends the thread of who
-/// takes it again, before Python 3.14 by unwinding its stack: here, where that would abort the process, it stays instead.
+/// Releases the interpreter's lock while a loop runs. If the interpreter has ended meanwhile, it ends each thread that
+/// takes the lock again; before Python 3.14 by unwinding the thread's stack, which would abort the process here. So
+/// such a thread sleeps for ever instead.
 struct Unlocked {
     PyThreadState* state = PyEval_SaveThread();
 
@@ -68,13 +70,13 @@ struct Unlocked {
     }
 };
 
-/// Gives Python a loop, which runs without the interpreter's lock.
+/// Gives Python a loop that runs without the interpreter's lock.
 template <class Loop>
 void bind(nanobind::module_& m, const char* name, Loop loop) {
     m.def(name, loop, nanobind::call_guard<Unlocked>());
 }
 
-// one function a folder (its bindings.cpp) declares the folder's functions to Python
+// Each folder has one function (in its bindings.cpp) that declares the folder's functions to Python.
 void bind_interpolation(nanobind::module_& m);
 void bind_quality(nanobind::module_& m);
 void bind_correction(nanobind::module_& m);

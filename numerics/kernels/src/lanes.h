@@ -1,4 +1,4 @@
-// Sums in a fixed order that every vector width can follow: eight partial sums, added in pairs.
+// Sums in a fixed order for any vector width: eight partial sums, added in pairs.
 #pragma once
 
 #include "view.h"

@@ -1,8 +1,9 @@
-/* Which instructions this machine has: asked before a module is loaded that needs them, and by a build for it alone. */
+/* The instruction set of this machine: checked before a module that needs it is loaded, and by a native build. */
 #if defined(__x86_64__)
 #include <cpuid.h>
 
-/* What the processor has and the system saves; __builtin_cpu_supports() says no to all where zig is the compiler. */
+/* Instructions that the processor has and whose registers the system saves. __builtin_cpu_supports() is not used,
+ * because it always returns false if zig is the compiler. */
 static const char *widest(void)
 {
     const unsigned fma_osxsave_avx = 1u << 12 | 1u << 27 | 1u << 28, bmi_avx2_bmi2 = 1u << 3 | 1u << 5 | 1u << 8;

@@ -38,7 +38,7 @@ struct Job {
     }
 };
 
-/// Blocks of a job that one thread takes first, and others when theirs are done.
+/// Blocks of a job that one thread takes first; other threads take them when their own are done.
 struct alignas(cache_line) Share {
     std::atomic<Index> next;
     Index end;
@@ -53,16 +53,16 @@ inline void pause() {
 #endif
 }
 
-/// Threads that sleep until there is a job. One job at a time; a second caller meanwhile works alone.
+/// Threads that sleep until there is a job. They do one job at a time; a second caller meanwhile works alone.
 ///
-/// A thread has the same share of the blocks in each loop: what it wrote is in its own cache when it reads it. Cores that
-/// share no cache take twice as long for conjugate gradients if any free thread takes the next block.
+/// A thread has the same share of the blocks in each loop, so the data that it wrote is in its own cache when it reads
+/// it: on cores without a common cache, conjugate gradients take twice as long if any free thread takes the next block.
 ///
-/// A motion is a hundred short loops, and to wake a thread takes as long as many of them: after a job a thread looks out
-/// for the next one for a while before it sleeps, and so does a caller for the threads that it waits for.
+/// A motion is a hundred short loops, and to wake a thread takes as long as many of them: so after a job a thread looks
+/// out for the next job for a while before it sleeps, and a caller does the same while it waits for its threads.
 class Pool {
   public:
-    /// False if the threads are taken.
+    /// Returns false if the threads are busy with another job.
     bool run(Job& job, int threads) {
         const std::unique_lock only(one_job_, std::try_to_lock);
         if (!only) return false;
@@ -82,7 +82,7 @@ class Pool {
         work(job, 0);
         {
             const std::lock_guard lock(state_);
-            places_ = 0;  // do not wait for threads that have not begun: on a busy machine that takes milliseconds
+            places_ = 0;  // do not wait for threads that have not begun: on a busy machine this takes milliseconds
         }
         look_out([this] { return busy_ == 0; });
         std::unique_lock lock(state_);
@@ -100,7 +100,7 @@ class Pool {
         while (!come() && std::chrono::steady_clock::now() < end) pause();
     }
 
-    /// The thread's own share, then what is left of the others.
+    /// First the thread's own share, then the remaining blocks of the others.
     void work(Job& job, int own) {
         for (int k = 0; k < shared_by_; ++k) {
             Share& share = shares_[(own + k) % shared_by_];
@@ -117,7 +117,7 @@ class Pool {
                 ++sleeping_;
                 wake_.wait(lock);
                 --sleeping_;
-                if (places_ == 0) continue;  // awake too late for a short loop, but in time for the next one
+                if (places_ == 0) continue;  // the thread wakes too late for a short loop, but in time for the next one
             }
             --places_;
             ++busy_;
@@ -132,12 +132,12 @@ class Pool {
     std::mutex one_job_, state_;
     std::condition_variable wake_, idle_;
     Job* job_ = nullptr;
-    std::vector<Share> shares_;  // the first of them count; changed while no thread is busy
+    std::vector<Share> shares_;  // the number of threads in use; changed only while no thread is busy
     int shared_by_ = 0, started_ = 0;
-    std::atomic<int> sleeping_ = 0, places_ = 0, busy_ = 0;  // changed under the lock, looked at without
+    std::atomic<int> sleeping_ = 0, places_ = 0, busy_ = 0;  // changed under the lock, read without it
 };
 
-/// Never destroyed: its threads may outlive the statics. A forked child has none of them and begins with a new one.
+/// Never destroyed: its threads may outlive static objects. A forked child has no threads and makes a new pool.
 Pool* pool = nullptr;
 
 void new_pool() { pool = new Pool; }

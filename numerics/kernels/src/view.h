@@ -1,4 +1,4 @@
-// Arrays as the loops see them: a pointer that never goes without its shape.
+// Arrays in the loops: a pointer together with its shape.
 #pragma once
 
 #include <algorithm>
@@ -22,22 +22,23 @@ namespace mesh_motion {
 
 using Index = std::int64_t;
 
-/// The number of a node, of which a mesh has fewer than 2³¹: half the memory of an index where all cells are read.
+/// The number of a node; a mesh has fewer than 2³¹ nodes. It takes half the memory of an index, which matters when all
+/// cells are read.
 using Node = std::int32_t;
 
-/// Refuses what a caller in Python got wrong: a ValueError there.
+/// Refuses a wrong argument; callers in Python get a ValueError.
 inline void require(bool holds, const char* expected) {
     if (!holds) throw std::invalid_argument(expected);
 }
 
-/// A C-contiguous array of N axes that somebody else owns.
+/// A C-contiguous array with N axes whose memory belongs to another object.
 template <class T, std::size_t N>
 class View {
   public:
     View() = default;
     View(T* data, std::array<Index, N> shape) : data_(data), shape_(shape) {}
 
-    /// What may be written may be read.
+    /// A view for writing converts to a view for reading.
     template <class U>
         requires(std::is_same_v<const U, T> && !std::is_same_v<U, T>)
     View(const View<U, N>& other) : data_(other.data()), shape_(other.shape()) {}
@@ -59,7 +60,7 @@ class View {
         return data_[place(std::array<Index, N>{static_cast<Index>(indices)...})];
     }
 
-    /// An entry of a vector, or a row of anything larger.
+    /// An entry of a vector, or a row of a larger array.
     decltype(auto) operator[](Index i) const {
         if constexpr (N == 1) {
             return (*this)(i);
@@ -118,25 +119,26 @@ auto view_of(Container& local) {
     return Vector<std::remove_pointer_t<decltype(local.data())>>(local.data(), {static_cast<Index>(local.size())});
 }
 
-/// Refuses numbers of something of which there are n, unless all are from 0 to n − 1.
+/// Refuses numbers of n objects unless all are from 0 to n − 1.
 template <class T, std::size_t N>
 void require_below(View<const T, N> numbers, Index n, const char* expected) {
     using Bits = std::make_unsigned_t<T>;
     constexpr int highest = 8 * sizeof(T) - 1;
     const auto last = static_cast<Bits>(std::min<Index>(n - 1, std::numeric_limits<std::make_signed_t<T>>::max()));
-    Bits signs = 0;  // a difference below 0 has the highest bit, and so has a number below 0
+    Bits signs = 0;  // a negative difference has the highest bit set, and so has a negative number
     for (T number : numbers) signs |= static_cast<Bits>(number) | (last - static_cast<Bits>(number));
     require(signs >> highest == 0, expected);
 }
 
-/// Refuses starts of parts of n entries that do not ascend up to n.
+/// Refuses starts of parts of n entries unless they ascend up to n.
 inline void require_starts(Vector<const Index> starts, Index n, const char* expected) {
     bool ascending = starts.size() > 0 && starts[0] >= 0 && starts[starts.size() - 1] == n;
     for (Index i = 1; i < starts.size(); ++i) ascending &= starts[i - 1] <= starts[i];
     require(ascending, expected);
 }
 
-/// Gives vectors memory as it comes, for who writes every entry; where it is large, in large pages if the system has them.
+/// Gives vectors memory that is not filled, for callers that write every entry; large memory is in large pages if the
+/// system has them.
 template <class T>
 struct Unfilled : std::allocator<T> {
     template <class U>
@@ -165,7 +167,7 @@ struct Unfilled : std::allocator<T> {
 template <class T>
 using UnfilledVector = std::vector<T, Unfilled<T>>;
 
-/// An array that a loop made: Python receives it.
+/// An array that a loop made and Python receives.
 template <class T, std::size_t N, class Values = std::vector<T>>
 struct Owned {
     Values values;
@@ -181,7 +183,7 @@ Owned<T, 1, std::vector<T, Allocator>> owned(std::vector<T, Allocator> values) {
     return {std::move(values), {n}};
 }
 
-/// f(d) with the dimension as a constant, so that loops over it are unrolled.
+/// Calls f(d) with the dimension as a constant, so that loops over it are unrolled.
 template <class F>
 decltype(auto) with_dimension(Index d, F&& f) {
     switch (d) {

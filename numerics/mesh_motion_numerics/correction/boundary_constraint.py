@@ -1,8 +1,8 @@
-"""Boundary nodes that a correction may move: along their slip or symmetry surface, and periodic images alike.
+"""Boundary nodes that a correction may move: along their slip or symmetry surface, and together with periodic images.
 
 Each step of the Newton iterations is tangential, trial positions are projected back exactly, and no facet that faces
 outwards may turn over. So nodes stay on their surface and within its rim, rims on their curves, and corners in place.
-Periodic nodes are one unknown per orbit, so the mesh is improved across a periodic side as anywhere else.
+The images of a periodic node are one unknown, so the mesh is improved across a periodic side as in the interior.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class BoundaryConstraint:
     released : (n,) bool array
         Nodes that may move.
     sliding : SlidingSurfaces or None
-        Surfaces of the nodes that slide.
+        Surfaces of the sliding nodes.
     facets : OutwardFacets
         Facets of the sliding patches.
     """
@@ -54,13 +54,13 @@ class BoundaryConstraint:
         sliding: SlidingSurfaces | None,
         periodic: PeriodicNodes | None,
     ) -> BoundaryConstraint | None:
-        """The constraint of a mesh with reference coordinates ``points`` (n, d); None if no boundary node may move.
+        """Build the constraint of a mesh with reference ``points`` (n, d); None if no boundary node may move.
 
         Parameters
         ----------
         points : (n, d) array, mesh length unit
         facets : dict of (f, k) int64 arrays
-            Of the whole boundary, pointing outwards, by type.
+            The facets of the whole boundary, with outward normals, by type.
         """
         released = np.zeros(len(points), dtype=bool)
         if periodic is not None:
@@ -80,7 +80,7 @@ class BoundaryConstraint:
         return cls(released, chosen, periodic, outward)
 
     def smooth(self) -> BoundaryConstraint | None:
-        """That of the nodes whose directions are the same everywhere: on planes, and periodic; None without any."""
+        """Return the constraint of nodes with constant directions (plane and periodic ones); None if there are none."""
         released, sliding = self.released.copy(), self.sliding
         if sliding is not None:
             plane = np.zeros(len(sliding.nodes), dtype=bool)
@@ -93,10 +93,10 @@ class BoundaryConstraint:
         return replace(self, released=released, sliding=sliding) if released.any() else None
 
     def renumbered(self, rows: Integers, points: Floats) -> BoundaryConstraint | None:
-        """That of a region of the mesh with nodes at ``points`` (k, d): ``rows`` (k,) of the mesh, ascending, or -1.
+        """Return the constraint of a region with nodes at ``points`` (k, d); ``rows`` (k,): mesh rows, ascending, or -1
 
-        It is for the smooth correction, which turns no facet over. None if no node of the region may move; those with
-        an image that is not there may not.
+        This is for the smooth correction, which turns no facet over. None if no node of the region may move; a node
+        whose image is outside the region may not move.
         """
         here = np.flatnonzero(rows >= 0)
         place = np.full(len(self.released), -1, dtype=np.int64)
@@ -120,7 +120,7 @@ class BoundaryConstraint:
         return marked if self.periodic is None else self.periodic.closed(marked)
 
     def of(self, region: FreeRegion) -> RegionConstraint | None:
-        """The constraint of a region's free nodes; None if they all are free."""
+        """Return the constraint of a region's free nodes; None if all of them may move freely."""
         free = np.zeros(len(self.released), dtype=bool)
         free[region.free] = True
         free &= self.released
@@ -155,7 +155,7 @@ class RegionConstraint:
     facets: OutwardFacets
 
     def step(self, points: Floats, hessian: Floats, right: Floats, solve: StepSolver) -> Floats:
-        """A tangential step (f, d), alike for periodic images: admissible to first order.
+        """A tangential step (f, d), equal for periodic images: admissible to first order.
 
         Parameters
         ----------
@@ -169,13 +169,13 @@ class RegionConstraint:
         return self.solver(points, hessian, lambda adjacency, blocks: partial(solve, adjacency, blocks))(right)
 
     def solver(self, points: Floats, hessian: Floats, system: System) -> Callable[[Floats], Floats]:
-        """What makes such steps (f, d) of right sides (f, d); ``system`` prepares the representatives' one once."""
+        """Return a function from right sides (f, d) to such steps; ``system`` prepares the reduced system once."""
         matrices = self._matrices(points)
         solve = system(self.links.adjacency, self.links.reduce(matrices, hessian))
         return lambda right: self.links.expand(matrices, solve(self.links.gather(matrices, right)))
 
     def _matrices(self, points: Floats) -> Floats:
-        """(f, d, d) M of the free nodes' links, with local positions (l, d)."""
+        """(f, d, d) matrices M of the free nodes' links, at local positions (l, d)."""
         d = points.shape[1]
         matrices = np.broadcast_to(np.eye(d), (len(self.links.targets), d, d)).copy()
         if self.sliding is not None:
@@ -186,13 +186,13 @@ class RegionConstraint:
         return matrices
 
     def retract(self, points: Floats, trial: Floats) -> Floats | None:
-        """The trial points (l, d) put back onto the surfaces, images alike; None if a facet turned over."""
+        """The trial points (l, d) put back onto the surfaces, with equal images; None if a facet turned over."""
         trial = self.placed(trial)
         turned = self.facets.outward(points) & ~self.facets.outward(trial)
         return None if turned.any() else trial
 
     def placed(self, points: Floats) -> Floats:
-        """The points (l, d) put back onto the surfaces in place, images alike."""
+        """The points (l, d) put back onto the surfaces in place, with equal images."""
         if self.sliding is not None:
             rows = self.local[self.sliding.nodes]
             points[rows] = self.sliding.project(points[rows])
@@ -209,7 +209,7 @@ def _torn(released: Marks, periodic: PeriodicNodes) -> Marks:
 
 
 def _sliding_on_axis(periodic: PeriodicNodes, sliding: SlidingSurfaces | None) -> Marks:
-    """(n,) nodes on an axis of rotation that slide too: they stay held, as both constraints are not combined."""
+    """(n,) nodes on an axis of rotation that also slide: they stay held, because no node has both constraints."""
     found = np.zeros(len(periodic.reference), dtype=bool)
     if sliding is not None:
         found[np.intersect1d(periodic.members[periodic.on_axis], sliding.nodes)] = True

@@ -1,16 +1,16 @@
 """The distortion of whole cells: the quality metric itself for quads, hexahedra, wedges and pyramids.
 
 :mod:`.distortion` treats each corner of a cell as a cell, measured against its own reference shape. That untangles
-well, but it is not the metric: a quad's skew requires right angles, nothing else. Here the p-mean is over ::
+well, but it is not the metric: a quad's skew requires right angles, nothing else. Here the p-mean is taken over ::
 
     L = log mean_k f_k + (a/m) log cosh(m log τ)          τ = Σ α_k / Σ α_k⁰,  α_k > 0 at every corner k
 
 with the corner terms f_k of :mod:`.metrics`. For a = ½ and m → ∞, L is log(1/size-skew) of any cell exactly.
 
-Relative to the cells at rest, which is for simplices only, it is L minus its value at rest; those that are flat at rest
-have their own Jacobian at rest as W (a target matrix), so that only a rigid motion has L = 0. A skew better than that
-at rest gains nothing there, as in the metric: otherwise a cell that was poor at rest could compensate a lost size by a
-better shape.
+Relative to the cells at rest, which is for simplices only, the distortion is L minus its value at rest. Simplices that
+are flat at rest have their own Jacobian at rest as W (a target matrix), so that only a rigid motion has L = 0. A skew
+better than at rest gains nothing, as in the metric: otherwise a cell that was poor at rest could compensate a lost size
+by a better shape.
 
 The derivatives use the corners' Jacobians, see kernels/src/correction/cells.h.
 """
@@ -33,7 +33,7 @@ __all__ = ["CellGroup", "cell_blocks", "cell_gradient", "cell_groups", "mean_cel
 
 @dataclass(frozen=True, eq=False)
 class CellGroup:
-    """Cells of one type in the form that the kernels need.
+    """Cells of one type in the form for the kernels.
 
     Attributes
     ----------
@@ -68,13 +68,13 @@ class CellGroup:
 
 
 def cell_groups(cells: CellTable, at_rest: AtRest, simplices: CornerSimplices) -> tuple[CellGroup, ...]:
-    """The blocks of a table as groups; relative to the cells at rest if these are known and simplices.
+    """Return the blocks of a table as groups; relative to the cells at rest if these are known and simplices.
 
     Parameters
     ----------
     at_rest : (m,) array or CellsAtRest
     simplices : CornerSimplices
-        Of these cells.
+        The corners of these cells.
     """
     groups, corner = [], 0
     for block, rows in cells.numbered:
@@ -100,7 +100,7 @@ def mean_cell_distortion(points: Floats, groups: tuple[CellGroup, ...], norm: PN
 
 
 def cell_gradient(points: Floats, groups: tuple[CellGroup, ...], weights: Floats, norm: PNorm) -> list[Floats]:
-    """Gradient of E by cell: for each group (m, k, d), the cell's share of dE/dx of each of its nodes."""
+    """Return the gradient of E by cell: for each group (m, k, d), the cell's share of dE/dx at each of its nodes."""
     shares = []
     for group, rows in _rows(groups):
         shares.append(np.empty((*group.nodes.shape, points.shape[1])))
@@ -125,7 +125,7 @@ def cell_blocks(
 
 
 def _rows(groups: tuple[CellGroup, ...]) -> list[tuple[CellGroup, slice]]:
-    """Each group with the slice of cell numbers that belongs to it."""
+    """Yield each group with the slice of its cell numbers."""
     ends = np.cumsum([0, *(len(group) for group in groups)]).tolist()
     return [(group, slice(a, b)) for group, a, b in zip(groups, ends, ends[1:], strict=False)]
 

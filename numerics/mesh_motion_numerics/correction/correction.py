@@ -1,10 +1,10 @@
 """The correction of a predicted motion, by name: nothing, the thesis' methods, optimised enrichment, freed trial nodes.
 
-It runs between "predict" and "displace": it takes the node positions of the standard motion and returns better ones.
-Held nodes keep their standard positions bitwise, and no node of the mesh has moved yet.
+The correction runs between "predict" and "displace": it takes the node positions of the standard motion and returns
+better ones. Held nodes keep their standard positions bitwise, and no node of the mesh has moved yet.
 
 ==================  =====================================================================================
-none                the standard motion, whatever its quality
+none                the standard motion, without regard to its quality
 imposed-gradient    thesis chapter 4, in 1D: :mod:`.enrichment.imposed_gradient`; thesis §5.1.2, in 2D and 3D:
                     :mod:`.enrichment.imposed_jacobian`
 explicit            thesis Algorithm 1: one enrichment point after the other, :mod:`.enrichment.explicit_iterations`
@@ -12,8 +12,8 @@ enrichment          all coefficients of all points at once: :mod:`.enrichment.co
 optimised           trial nodes freed as needed: :mod:`.trial_nodes`; in 1D the exact optimum: :mod:`.equal_stretch`
 ==================  =====================================================================================
 
-These corrections follow a threshold and a target, each motion by itself. ``correction = "smooth"`` does not
-come here: it is a smooth function of the boundary (:mod:`.smooth_motion`).
+These corrections use a threshold and a target, and treat each motion separately. ``correction = "smooth"`` is not in
+this module: it is a smooth function of the boundary (:mod:`.smooth_motion`).
 
 ``optimised`` frees nodes and does not start with an enrichment: from plain RBF positions the freed nodes reach the
 threshold in less time than the setup of an enrichment takes, at every measured size, and end at a better quality.
@@ -51,7 +51,7 @@ __all__ = ["CORRECTIONS", "Correction", "CorrectionProblem", "correct", "spoils"
 
 
 _WORST = 10  # number of cells that a refusal names
-#: A large mesh is raised to this multiple of the threshold if that is cheap: the next step uses up a smaller margin.
+#: A large mesh is raised to this multiple of the threshold if that is cheap: it leaves a margin for the next step.
 _AMPLE = 2.5
 #: A quality change by less than this factor does not count.
 _NOTICED = 1.01
@@ -59,7 +59,7 @@ _NOTICED = 1.01
 
 @dataclass(frozen=True, eq=False)
 class Correction:
-    """What the correction did.
+    """The result of the correction.
 
     Attributes
     ----------
@@ -77,7 +77,7 @@ class Correction:
     reached : bool
         Whether the minimum is at or above the threshold.
     quality : CellQuality or None
-        Of every cell at ``points``; None if only the minimum was needed, and known.
+        Quality of every cell at ``points``; None if only the minimum was needed and known.
     """
 
     points: Floats
@@ -98,7 +98,7 @@ def correct(problem: CorrectionProblem, method: Method) -> Correction:
     Parameters
     ----------
     method : Method
-        With the enrichment radius filled in.
+        The method, with its enrichment radius set.
 
     Raises
     ------
@@ -137,13 +137,13 @@ def _without_points(problem: CorrectionProblem, points: Floats) -> Correction:
 
 
 def _freed(problem: CorrectionProblem, found: Polished) -> Correction:
-    """The result of freeing nodes."""
+    """Return the result of freeing nodes."""
     freed = _without_points(problem, found.points)
     return replace(freed, freed_nodes=found.freed, iterations=found.iterations, history=found.history)
 
 
 def _judged(found: Correction, method: Method, minimum: float, quality: CellQuality | None = None) -> Correction:
-    """The correction, with the smallest quality of its mesh."""
+    """Return the correction, with the smallest quality of its mesh."""
     return replace(found, minimum=minimum, reached=minimum >= method.quality_threshold, quality=quality)
 
 
@@ -161,7 +161,7 @@ def _refusal(quality: Floats, method: Method) -> QualityRefused:
 
 
 def _optimised(problem: CorrectionProblem, method: Method, mesh: TrialMesh, quality: Floats) -> Correction:
-    """Free trial nodes: all for the maximum, a growing region for the threshold."""
+    """Free trial nodes: all nodes for the maximum, a growing region for the threshold."""
     if problem.start.shape[1] == 1:
         freed = int(np.count_nonzero(~mesh.held))
         return replace(_without_points(problem, equal_stretch(problem.begin, mesh)), freed_nodes=freed)
@@ -180,7 +180,7 @@ def _optimised(problem: CorrectionProblem, method: Method, mesh: TrialMesh, qual
 
 
 def _raised(found: Polished, mesh: TrialMesh, target: float) -> Polished:
-    """Raise a mesh that meets the threshold towards a higher target, as far as freeing few nodes allows."""
+    """Raise a mesh that meets the threshold towards a higher target, as far as is possible with few free nodes."""
     most = SMALL_MESH[mesh.reference.shape[1]]
     more = reach(found.points, mesh, target, most=most, quality=found.quality)
     if not more.minimum > found.minimum:
@@ -205,7 +205,7 @@ def spoils(
 
 
 def _could_be_valid(mesh: TrialMesh, quality: Floats) -> bool:
-    """Whether all cells without a free node, which no correction can repair, are valid by the quality (m,) of cells."""
+    """Whether all cells without a free node are valid by the quality (m,): no correction can repair such cells."""
     return bool((quality[~cells_of_nodes(mesh.cells, ~mesh.held)] > 0.0).all())
 
 
@@ -234,7 +234,7 @@ def _explicit(problem: CorrectionProblem, method: Method, mesh: TrialMesh, quali
 
 
 def _imposed_gradient(problem: CorrectionProblem, method: Method, mesh: TrialMesh, quality: Floats) -> Correction:
-    """The thesis' imposed gradient: that of the boundary's straight line in 1D, of corrected cells in 2D and 3D."""
+    """The thesis' imposed gradient: of the boundary's straight line in 1D, of corrected cells in 2D and 3D."""
     if problem.cells.dimension == 1:
         return _imposed_slope(problem, method, quality)
     radius, most = _radius(method), method.max_enrichment_points
@@ -258,7 +258,7 @@ def _imposed_slope(problem: CorrectionProblem, method: Method, quality: Floats) 
 
 def _radius(method: Method) -> float:
     """R_l, mesh length unit."""
-    assert method.enrichment_radius is not None  # filled in when the mesh is prepared
+    assert method.enrichment_radius is not None  # set when the mesh is prepared
     return method.enrichment_radius
 
 

@@ -1,4 +1,4 @@
-"""The input of a correction: a predicted motion, which correction to use, and how far to raise the quality."""
+"""The input of a correction: a predicted motion, the name of the correction, and the quality to reach."""
 
 from dataclasses import dataclass
 
@@ -35,14 +35,14 @@ class CorrectionProblem:
         Nodes that no correction may move.
     reference_sizes : (m,) array, length^d, or CellsAtRest
     factorization : Factorization
-        Of the boundary at ``start``.
+        The factorization of the boundary at ``start``.
     reference : (n, d) array, mesh length unit, optional
         Nodes of the reference mesh, the ideal shape of cells that are not simplices; ``start`` by default.
     constraint : BoundaryConstraint, optional
         Held nodes that ``optimised`` may move: along their surface, or in pairs.
     valid : (n, d) array, mesh length unit, optional
         A valid mesh with the held nodes of ``standard``, if one is known: ``optimised`` begins from it instead of
-        untangling ``standard``, and the other corrections leave it as it is.
+        untangling ``standard``, and the other corrections do not change it.
     known : float, optional
         Smallest quality of ``standard``, if it was already judged and no cell is inverted.
     last : (n, d) array, mesh length unit, optional
@@ -84,5 +84,5 @@ def target_quality(problem: CorrectionProblem, method: Method) -> float:
 
 
 def goal(method: Method) -> float:
-    """The threshold, or just a valid mesh if the threshold would accept inverted cells."""
+    """The threshold; or only a valid mesh if the threshold would accept inverted cells."""
     return max(method.quality_threshold, _VALID)

@@ -13,8 +13,8 @@ counts. ℓ_ε is finite for inverted cells. ℓ may contain, with a weight b, t
 
     b (Σ_k log |a_k| − log τ) + constant,     0 at rest
 
-since the shape takes a squeezed rectangle for as bad as a rhombus, and a finite-volume solver does not. The mesh's
-distortion is the p-mean, a smooth maximum ::
+because a squeezed rectangle has the same shape value as a rhombus, although it is better for a finite-volume solver.
+The mesh's distortion is the p-mean, a smooth maximum ::
 
     E = max ℓ + (1/p) log mean exp(p (ℓ − max ℓ)),      w = softmax(p ℓ)
 
@@ -75,7 +75,7 @@ class PNorm:
     size_weight : float
         a: weight of the size relative to the shape.
     of : {"corners", "cells"}
-        Measure every corner simplex against the reference mesh, or whole cells as the metric does
+        Measure every corner simplex against the reference mesh, or whole cells with the metric
         (:mod:`.cell_distortion`), which is the same for simplices and needs ε = 0.
     """
 
@@ -128,9 +128,9 @@ class CornerSimplices:
         return CornerSimplices(self.nodes[rows], self.ideal[rows], offset, angles)
 
     def with_angles(self, reference: Floats, counted: Marks) -> CornerSimplices:
-        """The same where the angles of ``counted`` (c,) corners count against those at ``reference`` (n, d), at rest.
+        """Return the corners, with angles that count relative to ``reference`` (n, d) for the ``counted`` (c,) corners.
 
-        Those of a corner that is degenerate at rest do not.
+        The angles of a corner that is degenerate at rest do not count.
         """
         edges = reference[self.nodes[:, 1:]] - reference[self.nodes[:, :1]]
         lengths, dets = np.linalg.norm(edges, axis=2).prod(axis=1), np.abs(np.linalg.det(edges))
@@ -201,7 +201,7 @@ def _ideal_maps(
 def mean_distortion(points: Floats, simplices: CornerSimplices, norm: PNorm) -> tuple[float, Floats]:
     """E and the weights w (c,) of the corners at the points (n, d).
 
-    E is ``inf`` where the barrier is violated (ε = 0 and some τ ≤ 0) or anything is not finite.
+    E is ``inf`` if the barrier is violated (ε = 0 and some τ ≤ 0) or a value is not finite.
     """
     measure = corner_distortions(points, simplices, norm)
     return kernels.p_mean(measure, norm.p), measure

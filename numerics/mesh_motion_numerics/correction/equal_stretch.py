@@ -14,7 +14,7 @@ __all__ = ["equal_stretch"]
 
 
 def equal_stretch(points: Floats, mesh: TrialMesh) -> Floats:
-    """Positions (n, 1) of all nodes, the held ones where ``points`` (n, 1) has them.
+    """Positions (n, 1) of all nodes; the held nodes have their positions in ``points`` (n, 1).
 
     A node beyond the last held node of its chain keeps its reference distance from it.
     """

@@ -1,8 +1,8 @@
 """A part of the mesh whose trial nodes are free: its nodes, the cells that depend on them, and their adjacency.
 
 Everything that the Newton iterations use is numbered locally, free nodes first, so their cost depends on the region and
-not on the mesh. Scatters from corners to nodes are gathers over fixed lists: no atomics, and the same sums in the same
-order for any number of threads.
+not on the mesh. The sums at nodes go over fixed lists of corners: no atomics, and the same sums in the same order for
+any number of threads.
 """
 
 import math
@@ -54,18 +54,18 @@ class NodeAdjacency:
 
     @cached_property
     def aggregates(self) -> NDArray[np.int32]:
-        """For each free node (f) the group of neighbours that it moves with on the solver's coarse level."""
+        """For each free node (f) the group of neighbours that moves as one on the solver's coarse level."""
         n_free, most = len(self.row_starts) - 1, _AGGREGATES[self.slots.shape[1] - 1]
         size = max(_LEAST_AGGREGATE, math.ceil(n_free / most))
         return np.asarray(kernels.node_aggregates(self.row_starts, self.columns, size))
 
     def elimination(self, places: Floats) -> Elimination:
-        """In which order the nodes at places (f, d) are eliminated, and the pattern of the Hessian's factor."""
+        """The order in which the nodes at places (f, d) are eliminated, and the pattern of the Hessian's factor."""
         found: Elimination = kernels.elimination(self.row_starts, self.columns, np.ascontiguousarray(places))
         return found
 
     def factorized(self, hessian: Floats, elimination: Elimination) -> Callable[[Floats], Floats] | None:
-        """What solves H (b, d, d) x = right (f, d) for x (f, d); None if H is not positive definite."""
+        """Return a solver of H (b, d, d) x = right (f, d) for x (f, d); None if H is not positive definite."""
         shape = hessian.shape[1:]
         factor = np.empty((len(self.row_starts) - 1, *shape)), np.empty((len(elimination[2]), *shape))
         if not kernels.block_cholesky(self.row_starts, self.columns, hessian, *elimination, *factor):
@@ -89,7 +89,7 @@ class NodeAdjacency:
         return hessian
 
     def reassemble(self, blocks: NDArray[np.float32], weights: Floats, least_weight: float, hessian: Floats) -> None:
-        """Update the Hessian (b, d, d) after the blocks of corners with ``weights`` (c,) above the least changed."""
+        """Update the Hessian (b, d, d) after the blocks of corners with large enough ``weights`` (c,) changed."""
         pattern = self.starts, self.entries, self.slots, self.row_starts
         kernels.assemble_corners(*pattern, blocks, weights, least_weight, hessian)
 

@@ -1,6 +1,6 @@
 """A Newton system in fewer unknowns: each free node's step is a matrix times the step of one representative.
 
-``u_i = M_i v_t(i)`` covers a node that slides (M_i projects onto its tangents, t(i) = i) and nodes that move alike
+``u_i = M_i v_t(i)`` covers a node that slides (M_i projects onto its tangents, t(i) = i) and nodes that move together
 (t(i) is the first of them, M_i the rotation between the two). Then ``H_v = Σ M_iᵀ H_ij M_j`` and ``g_v = Σ M_iᵀ g_i``.
 A direction that a representative must not take gets its own stiffness and no force.
 """

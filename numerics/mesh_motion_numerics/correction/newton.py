@@ -5,7 +5,7 @@ far as Armijo's rule allows; beyond the barrier the distortion is infinite, so n
 factorized, large ones are solved roughly by conjugate gradients preconditioned with the diagonal blocks: an inexact
 Newton method needs no more accuracy (Dembo, Eisenstat & Steihaug, SIAM J. Numer. Anal. 19, 1982).
 
-:class:`Accuracy` says where to stop.
+:class:`Accuracy` has the criteria for the end.
 """
 
 import math
@@ -33,18 +33,20 @@ _UNTANGLING_DIRECT = 1500  # a larger factorization still untangles a half turn,
 
 @dataclass(frozen=True)
 class Accuracy:
-    """Where the iterations stop, and how accurate each of them is; the defaults serve a correction in one step.
+    """The criteria for the end of the iterations, and their accuracy; the defaults are for a correction in one step.
 
     Attributes
     ----------
     full_step_gain : float
         The iterations have converged if a full Newton step gains less. This does not apply to short steps near det = 0.
     least_decrement, least_gain : float
-        Stop if the model predicts a smaller gain than the first, or a step of any length gained less than the second.
+        Stop if the model predicts a gain below ``least_decrement``, or if a step of any length gained less than
+        ``least_gain``.
     refresh : float
         Share of the mean weight: lighter corners keep the curvature of an earlier iteration.
     floor : float
-        Least weight of a corner in the Hessian, as a share of the mean; without it a light node has no stiffness.
+        Smallest weight of a corner in the Hessian, as a share of the mean; without this floor a light node has no
+        stiffness.
     direct_unknowns : int
         Largest system that is factorized; above it conjugate gradients are faster, in 2D by twice at 1300 unknowns.
     cg_reduction, cg_iterations : float, int
@@ -63,7 +65,7 @@ class Accuracy:
 
 @dataclass(frozen=True, eq=False)
 class Descent:
-    """Result of :func:`newton`: points (l, d), distortion E, iterations made, measure."""
+    """Result of :func:`newton`: points (l, d), distortion E, number of iterations, measure."""
 
     points: Floats
     distortion: float
@@ -83,7 +85,7 @@ def newton(
     constraint: RegionConstraint | None = None,
     earlier: RegionMeasure | None = None,
 ) -> Descent:
-    """Lower E from the points (l, d) of the region; nodes that are not free stay bitwise.
+    """Lower E, starting at the points (l, d) of the region; nodes that are not free keep their bits.
 
     Parameters
     ----------
@@ -95,9 +97,9 @@ def newton(
     solve : StepSolver, optional
         Gives the step; by default every free node moves on its own.
     constraint : RegionConstraint, optional
-        Of free nodes that slide or move alike; the points must be admissible.
+        The constraint of free nodes that slide or move together; the points must be admissible.
     earlier : RegionMeasure, optional
-        Of the same region's last descent; its curvature is reused for light corners or cells.
+        The measure of the last descent in the same region; its curvature is reused for light corners or cells.
     """
     accuracy = accuracy or Accuracy()
     if solve is None:
@@ -169,11 +171,11 @@ def _elimination(
 def _solve(
     adjacency: NodeAdjacency, hessian: Floats, right: Floats, elimination: Elimination | None, rough: tuple[float, int]
 ) -> Floats:
-    """The step (f, d) of H (b, d, d) dx = right (f, d); by conjugate gradients as ``rough`` as that if need be."""
+    """The step (f, d) of H (b, d, d) dx = right (f, d); ``rough`` is the accuracy if conjugate gradients are needed."""
     solve = None if elimination is None else adjacency.factorized(hessian, elimination)
     if solve is not None:
         return solve(right)
-    # of a singular matrix, too: conjugate gradients stay in its range
+    # also for a singular matrix: conjugate gradients stay in its range
     step, pattern = np.empty_like(right), (adjacency.row_starts, adjacency.columns)
     kernels.block_conjugate_gradients(*pattern, hessian, adjacency.aggregates, right, *rough, step)
     return step

@@ -1,8 +1,8 @@
 """Boundary facets that must not turn over when their nodes slide: a node that passes its neighbour, or its patch's rim,
 turns a facet over.
 
-A facet faces outwards if its area vector has a positive component along the outward normal that the reference mesh has
-at that place: the normal of the whole piece if it is planar, of the nearest reference facet otherwise.
+A facet faces outwards if its area vector has a positive component along the outward normal of the reference mesh at
+that place: the normal of the whole piece if it is planar, of the nearest reference facet otherwise.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ class OutwardFacets:
         return cls(tuple(blocks))
 
     def among(self, free: Marks, local: Integers) -> OutwardFacets:
-        """The facets with a free (n,) node, in the numbering ``local`` (n,) of a region with all their nodes."""
+        """Return the facets with a free (n,) node, in the numbering ``local`` (n,) of a region with all their nodes."""
         blocks = []
         for block in self.blocks:
             real = block.facets >= 0

@@ -1,8 +1,8 @@
-"""A region of a mesh whose other cells are elsewhere, and what a correction must know of those.
+"""A region of a mesh whose other cells are in other processes, and the data about those cells that a correction needs.
 
-A correction that frees the nodes of bad cells sees those cells and some rings about them. It gives bitwise the
-positions that it gives with the whole mesh, as long as it frees no node that has cells elsewhere, and no cell elsewhere
-is nearly bad. Where that does not suffice, :class:`RegionTooSmall` says so, and a larger region is to be tried.
+A correction that frees the nodes of bad cells gets those cells and some rings around them. Its positions are bitwise
+those of a correction with the whole mesh, if it frees no node that has cells elsewhere, and if no cell elsewhere is
+nearly bad. Otherwise :class:`RegionTooSmall` is raised, and a larger region must be tried.
 """
 
 from dataclasses import dataclass

@@ -35,7 +35,7 @@ class RegionMeasure(Protocol):
     def hessian(self, points: Floats, weights: Floats, *, refresh: float, floor: float) -> Floats:
         """Positive semi-definite (b, d, d) in the region's pattern; overwritten by the next call.
 
-        From the second call on, corners or cells lighter than ``refresh`` mean weights keep their curvature; ``floor``
+        From the second call on, corners or cells of less than ``refresh`` mean weights keep their curvature; ``floor``
         mean weights are added to every weight.
         """
         ...
@@ -112,11 +112,11 @@ class _Cells:
 
 
 MEASURES: dict[str, type[_Corners] | type[_Cells]] = {"corners": _Corners, "cells": _Cells}
-"""By name, see :class:`~mesh_motion_numerics.correction.distortion.PNorm`."""
+"""Measures by name, see :class:`~mesh_motion_numerics.correction.distortion.PNorm`."""
 
 
 def region_measure(region: FreeRegion, norm: PNorm, earlier: RegionMeasure | None = None) -> RegionMeasure:
-    """The measure that a norm selects; an earlier measure of the same region is reused with its curvature."""
+    """Return the measure that a norm selects; an earlier measure of the same region is reused with its curvature."""
     kind = MEASURES[norm.of if _of_cells(region) else "corners"]
     return earlier.sharpened(norm) if type(earlier) is kind else kind(region, norm)
 
@@ -124,8 +124,8 @@ def region_measure(region: FreeRegion, norm: PNorm, earlier: RegionMeasure | Non
 def _of_cells(region: FreeRegion) -> bool:
     """Whether whole cells may be measured.
 
-    Relative to the cells at rest a cell that is no simplex is as good as its worst corner: its corners are measured.
-    Those of tetrahedra take less time than the cells.
+    Relative to rest, the quality of a cell that is no simplex is that of its worst corner, so corners are measured. For
+    tetrahedra the corners take less time than the cells.
     """
     simplices = all(block.type.is_simplex for block in region.cells)
     if region.simplices.offset is not None:

@@ -1,34 +1,34 @@
-"""The motion that is a smooth function of the boundary: interpolation, and a correction where cells would suffer.
+"""The motion that is a smooth function of the boundary: interpolation, and a correction where cells would become bad.
 
 A correction that starts at one threshold and stops at another makes nodes jump from step to step, and a flow solver
 takes every jump for a mesh velocity. Here the corrected mesh is a minimum that depends on the boundary alone::
 
     y = argmin  Σ_c w_c ψ(f_c(y)) + a/2 Σ_c w_c [ |∇v|²_F + mean_k |v_k|² / ((l h_c)² σ_k) ],      v = y − y_plain
 
-f_c is the distortion of a corner simplex against the cell at rest (:mod:`.distortion`), with its barrier. It is least
-at rest, in triangles too: a better shape can be had in several ways, and nodes would jump from one to another. Of quads
-and hexahedra f_c grows with the angles that they lose: the shape alone takes a squeezed rectangle for as bad as a
-sheared one, which a flow solver does not. w_c is one over the number of a cell's corners, h_c its size at rest.
-Cells do not resist until f_c exceeds the onset::
+f_c is the distortion of a corner simplex against the cell at rest (:mod:`.distortion`), with its barrier. It is
+smallest at rest, for triangles too: a better shape is possible in several ways, and nodes would jump from one to
+another. For quads and hexahedra f_c also grows with the loss of their angles: by the shape alone a squeezed rectangle
+would be as bad as a sheared one, but for a flow solver it is better. w_c is one over the number of a cell's corners,
+h_c its size at rest. Cells do not resist until f_c exceeds the onset::
 
     ψ'' = (1 + k s / K)^K − 1,      ψ(onset) = ψ'(onset) = 0,      s = max(f − onset, 0)
 
 σ is 1 at the cells that resist in the plain mesh, spreads over a fixed number of rings as averages, and is exactly 0
 beyond: there v has infinite mass, so the nodes stay in their plain positions. ψ and σ have two continuous derivatives,
 so y is a continuously differentiable function of the boundary; where no cell of the plain mesh is beyond the onset,
-y = y_plain exactly, at the cost of the plain motion. Nothing depends on the way or on the number of steps: a start only
-changes the time.
+y = y_plain exactly, at the cost of the plain motion. The result does not depend on the path or on the number of steps:
+a start only changes the computing time.
 
-A power resists as an exponential does where s is small. Further away it grows less: where a whole gap is squeezed, an
-exponential makes cells that hardly differ resist 1e16 times as much as others, and the minimum is not determined.
+For small s the power is like an exponential; for large s it grows less. If a whole gap is squeezed, with an exponential
+some cells would resist 1e16 times as much as others that hardly differ, and the minimum would not be determined.
 
-Nodes on plane slip and symmetry walls and periodic nodes are free as well, along the wall and alike. Nodes on curved
-walls keep their plain positions: a polygon's tangents are not a smooth function of the boundary.
+Nodes on plane slip and symmetry walls are also free, along the wall; periodic images are free and move together. Nodes
+on curved walls keep their plain positions: a polygon's tangents are not a smooth function of the boundary.
 
-Newton's iterations are exact near the minimum; further away every corner's Hessian loses its negative part. Where the
-function is not convex it loses as much of it as makes the matrix positive definite: without any a mesh stays near a
-saddle (bodies that pass each other) for a hundred iterations. They end where the step is below :data:`_TOLERANCE`, or
-report that they did not.
+Newton's iterations use the exact Hessian near the minimum; farther away the negative part of every corner's Hessian is
+dropped. If the function is not convex, only so much of it is dropped that the matrix is positive definite: without the
+rest of the negative part a mesh stays near a saddle (bodies that pass each other) for a hundred iterations. The
+iterations end when the step is below :data:`_TOLERANCE`; otherwise the result says that they did not converge.
 """
 
 from __future__ import annotations
@@ -62,12 +62,12 @@ from mesh_motion_numerics.stopwatch import check_time
 __all__ = ["FAR", "RAMP", "RINGS", "Law", "SmoothMotion", "Smoothed", "onset_of"]
 
 RINGS = 8
-"""About the cells that resist, in which nodes are free."""
+"""Rings of cells around the resisting cells in which nodes are free."""
 
 RAMP = 0.6
-"""Of f: over which a cell of the plain mesh becomes active."""
+"""Range of f over which a cell of the plain mesh becomes active."""
 FAR = 1e3
-"""Of f: further does not count."""
+"""Part of this range, from its start, that does not count."""
 _ONSET = 0.9  # quality at which a cell resists …
 _LARGE, _LATE_ONSET = 30_000, 0.5  # … and in a mesh of more nodes: fewer are free there, or a step takes seconds
 _CHUNK = 1 << 19  # corners whose neighbours are counted together: a few hundred megabytes
@@ -80,7 +80,7 @@ _ALL = len(_CONVEX) - 1
 
 
 def onset_of(n_nodes: int) -> float:
-    """The quality of its worst corner at which a cell of a mesh of so many nodes resists."""
+    """The quality of the worst corner at which a cell begins to resist, in a mesh with this number of nodes."""
     return _ONSET if n_nodes <= _LARGE else _LATE_ONSET
 
 
@@ -105,15 +105,15 @@ class Law:
 
     @classmethod
     def of(cls, n_nodes: int) -> Law:
-        """That of a mesh of so many nodes."""
+        """The law for a mesh with this number of nodes."""
         return cls(onset=-math.log(onset_of(n_nodes)))
 
     def resistance(self, distortion: Floats) -> tuple[Floats, Floats, Floats]:
-        """ψ, ψ′ and ψ″ of (c,) distortions; ψ is inf where the distortion is."""
+        """ψ, ψ′ and ψ″ for distortions (c,); ψ is inf where the distortion is inf."""
         k, n = self.stiffness, self.power
         x = k * np.clip(distortion - self.onset, 0.0, FAR)
         grown, bent, bulged = (np.expm1((n + i) * np.log1p(x / n)) for i in range(3))
-        bend, small = (n - 1) / n, x < 1e-3  # the differences below would have no digit left
+        bend, small = (n - 1) / n, x < 1e-3  # below, the differences would lose all digits
         value = (
             np.where(
                 small, x**3 / 6 * (1 + bend * x / 4), n * n / ((n + 1) * (n + 2)) * bulged - n / (n + 1) * x - x * x / 2
@@ -157,7 +157,7 @@ class SmoothMotion:
     held : (n,) bool array
         Nodes that keep their plain positions.
     constraint : BoundaryConstraint, optional
-        Of the nodes that are not held but slide along planes or move alike.
+        The constraint of nodes that are not held but slide along planes or move together.
     elsewhere : Elsewhere, optional
         The rest of the mesh, if this is a region of it.
     """
@@ -169,22 +169,22 @@ class SmoothMotion:
     constraint: BoundaryConstraint | None = None
     elsewhere: Elsewhere | None = None
     _later: SmoothMotion | None = None
-    _last: tuple[bytes, SmoothRegion] | None = None  # of the latest free nodes: the next step's are often the same
+    _last: tuple[bytes, SmoothRegion] | None = None  # of the latest free nodes: the next ones are often the same
 
     @classmethod
     def build(
         cls, reference: Floats, cells: CellTable, held: Marks, constraint: BoundaryConstraint | None
     ) -> SmoothMotion:
-        """That of a mesh whose ``held`` (n,) nodes may move as the ``constraint`` admits."""
+        """Build the correction of a mesh; the ``held`` (n,) nodes move only as the ``constraint`` allows."""
         smooth = None if constraint is None else constraint.smooth()
         held = held if smooth is None else held & ~smooth.released
         return cls(reference, cells, held, Law.of(len(reference)), smooth)
 
     def later(self, shift: float) -> SmoothMotion:
-        """The same where a cell begins to resist at a distortion that is larger by the ``shift``."""
+        """Return the same correction with the onset increased by the ``shift``."""
         if shift == 0.0:
             return self
-        self._later = self._later or copy(self)  # with what is prepared
+        self._later = self._later or copy(self)  # keep the prepared data
         self._later.law = replace(self.law, onset=self.law.onset + shift)
         return self._later
 
@@ -198,7 +198,7 @@ class SmoothMotion:
         return self._with_angles(simplices, self.cells, self.reference)
 
     def _with_angles(self, simplices: CornerSimplices, cells: CellTable, reference: Floats) -> CornerSimplices:
-        """The corners of some cells; of quads and hexahedra the angles count."""
+        """The corners of some cells; for quads and hexahedra the angles count."""
         counted = [np.repeat(_is_box(block.type), len(block) * len(block.type.corners)) for block in cells]
         return simplices.with_angles(reference, np.concatenate(counted))
 
@@ -220,7 +220,7 @@ class SmoothMotion:
         Returns
         -------
         Smoothed
-            Not converged if the iterations could not begin, since both meshes are tangled, or did not end.
+            Not converged if the iterations could not begin because both meshes are tangled, or did not end.
 
         Raises
         ------
@@ -244,7 +244,7 @@ class SmoothMotion:
     # --- region ------------------------------------------------------------------------------------------------------
 
     def region(self, plain: Floats) -> SmoothRegion | None:
-        """The free nodes with their penalty; None if no cell of the plain mesh resists."""
+        """Return the free nodes with their penalty; None if no cell of the plain mesh resists."""
         activations = self.activations(plain)
         if not activations:
             return None
@@ -263,7 +263,7 @@ class SmoothMotion:
         return self._last[1].with_activation(sigma)
 
     def activations(self, plain: Floats) -> list[Floats]:
-        """σ (n,) of the plain mesh (n, d) before and after each ring, of one node of those alike; none if all are 0."""
+        """σ (n,) of the plain mesh (n, d) before and after each ring, equal for images; none if all are 0."""
         distortion = corner_distortions(plain, self.corners, self.law.norm)
         x = np.clip((np.minimum(distortion, FAR) - self.law.onset) / RAMP, 0.0, 1.0)
         active = np.flatnonzero(x)
@@ -279,14 +279,14 @@ class SmoothMotion:
 
     @cached_property
     def alike(self) -> Integers:
-        """(n,) the node whose activation each has: periodic images are one node."""
+        """(n,) the node whose activation each node uses: periodic images use the same one."""
         own = np.arange(len(self.reference))
         periodic = None if self.constraint is None else self.constraint.periodic
         return own if periodic is None else periodic.root_of(own)
 
     @cached_property
     def averages(self) -> csr_matrix:
-        """(n, n): the mean over a node's neighbours, as often as they share a corner."""
+        """(n, n) matrix of the mean over a node's neighbours, weighted by the number of shared corners."""
         n = len(self.reference)
         pairs = csr_matrix((n, n))
         for first in range(0, len(self.corners), _CHUNK):
@@ -305,8 +305,8 @@ class SmoothMotion:
         """Newton's iterations."""
         n, tolerance = region.free.n_free, _TOLERANCE * self._extent
         energy, distortion = self._energy(points, rest, region)
-        part, far, residual, last = 0, False, math.inf, math.inf  # last: the step before, if it was an exact one
-        accuracy = ROUGH  # of conjugate gradients: each step's allows the next one to be as small as an exact step's
+        part, far, residual, last = 0, False, math.inf, math.inf  # last: the step before, if exact
+        accuracy = ROUGH  # of conjugate gradients; the next step can be as small as an exact one
         for done in range(_ITERATIONS):
             check_time()
             try:
@@ -345,10 +345,10 @@ class SmoothMotion:
     def _step(
         self, points: Floats, rest: Floats, region: SmoothRegion, distortion: Floats, accuracy: float, part: int
     ) -> tuple[Floats, float, int]:
-        """Newton's step (f, d), the slope along it, and which of the convex parts gave it; ``part`` is tried first.
+        """Newton's step (f, d), the slope along it, and the number of the convex part; ``part`` is tried first.
 
-        Between the Hessian and its corners' positive parts lie matrices that are positive definite and hardly stiffer:
-        a saddle is left in few steps with them.
+        Between the Hessian and the positive parts of its corners there are matrices that are positive definite and only
+        a little stiffer than the Hessian: with them the iterations leave a saddle in few steps.
         """
         model = cache(lambda exact: self.model(points, rest, region, distortion, exact=exact))
         while True:
@@ -402,7 +402,7 @@ class SmoothMotion:
     def corner_hessians(
         self, points: Floats, simplices: CornerSimplices, slope: Floats, bend: Floats, *, exact: bool
     ) -> Floats:
-        """(c, d², d²) second derivatives of the resistance by the corners' edges, as :func:`.corner_blocks` has them.
+        """(c, d², d²) second derivatives of the resistance by corner edges, as in :func:`.corner_blocks`.
 
         ``slope`` and ``bend`` (c,) are w ψ′ and w ψ″; a block that is not exact is positive semi-definite.
         """

@@ -1,6 +1,6 @@
-"""The free nodes of a smooth motion: what its penalty needs of them, and the solution of their Newton systems.
+"""The free nodes of a smooth motion: the data of their penalty, and the solution of their Newton systems.
 
-The function that is minimised is in :mod:`.smooth_motion`.
+The minimised function is in :mod:`.smooth_motion`.
 """
 
 from __future__ import annotations
@@ -35,14 +35,14 @@ class SmoothRegion:
     Attributes
     ----------
     constraint : RegionConstraint or None
-        Of its free nodes that slide or move alike.
+        The constraint of free nodes that slide or move together.
     elimination : tuple of three arrays, or None
-        Order and pattern of the Newton systems' factor; None where conjugate gradients are faster.
+        Order and pattern of the Newton systems' factor; None if conjugate gradients are faster.
     weights : (c,) array
         w_c of its corners.
     gradient : (b,) array, 1 / length²
     mass : (f,) array, 1 / length²
-        Of the free nodes, for σ = 1.
+        The mass of the free nodes for σ = 1.
     """
 
     free: FreeRegion
@@ -55,7 +55,7 @@ class SmoothRegion:
 
     @classmethod
     def build(cls, free: FreeRegion, constraint: RegionConstraint | None, reference: Floats) -> SmoothRegion:
-        """Of a region of the mesh with its nodes at ``reference`` (n, d) at rest."""
+        """Build it for a region of the mesh, with the nodes at ``reference`` (n, d) at rest."""
         weights = _corner_weights(free)
         of_corners, shares = _penalty_of(free.simplices, reference[free.nodes], weights)
         adjacency, d = free.adjacency, free.simplices.dimension
@@ -73,21 +73,21 @@ class SmoothRegion:
         return cls(free, constraint, elimination, weights, gradient, mass)
 
     def with_activation(self, sigma: Floats) -> SmoothRegion:
-        """The same with the penalty for σ (n,) of all nodes."""
+        """Return the same region with the penalty for σ (n,) of all nodes."""
         penalty = self.gradient.copy()
         penalty[self.free.adjacency.row_starts[:-1]] += self.mass / sigma[self.free.free]
         return replace(self, penalty=PENALTY * penalty)
 
     def solver(self, points: Floats, hessian: Floats, accuracy: float = _EXACT) -> Callable[[Floats], Floats]:
-        """The steps (f, d) of H (b, d, d) dx = right (f, d) that nodes at local positions (l, d) can take.
+        """Return a solver of H (b, d, d) dx = right (f, d) for steps that nodes at local positions (l, d) can take.
 
-        H is factorized once, for as many right sides as are given to the function that is returned. Conjugate gradients
-        stop where the residual is below ``accuracy`` times the right side.
+        H is factorized once; the returned function can be called for many right sides. Conjugate gradients stop when
+        the residual is below ``accuracy`` times the right side.
 
         Raises
         ------
         ArithmeticError
-            If H is factorized and not positive definite.
+            If H must be factorized and is not positive definite.
         """
         if self.constraint is None:
             return self._system(self.free.adjacency, hessian, accuracy)
@@ -95,7 +95,7 @@ class SmoothRegion:
 
     @property
     def is_factorized(self) -> bool:
-        """Whether steps are exact."""
+        """Whether the steps come from a factorization, so that they are exact."""
         return self.elimination is not None
 
     def _system(self, adjacency: NodeAdjacency, hessian: Floats, accuracy: float) -> Callable[[Floats], Floats]:
@@ -114,7 +114,7 @@ class SmoothRegion:
         return solve
 
     def admitted(self, points: Floats) -> Floats:
-        """The local positions (l, d) put back onto walls, images alike: rounding does not add up."""
+        """The local positions (l, d) put back onto walls, with equal images, so that rounding errors do not add up."""
         return points if self.constraint is None else self.constraint.placed(points)
 
     @cached_property

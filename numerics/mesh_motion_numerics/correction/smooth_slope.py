@@ -1,13 +1,13 @@
-"""The derivative of the smooth motion by the plain one: dy of dy_plain, and its transpose.
+"""The derivative of the smooth motion by the plain motion: dy for a given dy_plain, and the transpose.
 
 At the minimum y of E(y, y_plain) (:mod:`.smooth_motion`) the gradient by the free nodes vanishes, whatever the plain
 motion is. So (implicit function theorem) ::
 
     H dy_free = K dp_free − H_held dp_held − PENALTY m (y − p) d(1/σ) − G do,      dσ by the chain of averages
 
-with the Hessian H of the free nodes, its coupling H_held to the nodes about them, and the penalty's matrix K(σ). The
-activation σ depends on the plain mesh, so no correction is frozen. In a mesh that bodies wind the distortion o at which
-cells begin to resist depends on the boundary, too; G is the derivative of the gradient by it.
+with the Hessian H of the free nodes, its coupling H_held to the neighbouring nodes, and the penalty's matrix K(σ). The
+activation σ depends on the plain mesh, so no correction is frozen. In a mesh that is wound by turning bodies, the
+distortion o at which cells begin to resist also depends on the boundary; G is the derivative of the gradient by o.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from mesh_motion_numerics.correction.smooth_region import PENALTY, SmoothRegion
 
 __all__ = ["SmoothSlope", "not_at_minimum"]
 
-#: Largest Newton step at the mesh, as a share of its extent, with which it counts as the minimum.
+#: Largest Newton step, as a share of the mesh's extent, at which a mesh is accepted as the minimum.
 _AT_MINIMUM = 1e-6
 #: Two positions of a node that is not free are the same if they differ by less, as a share of the extent.
 _SAME = 1e-9
@@ -41,7 +41,7 @@ class SmoothSlope:
     plain, points : (n, d) arrays, mesh length unit
         The plain motion and the corrected one.
     region : SmoothRegion or None
-        The free nodes; None if no cell resists, and both are the same.
+        The free nodes; None if no cell resists, so that both meshes are the same.
     """
 
     motion: SmoothMotion
@@ -51,7 +51,7 @@ class SmoothSlope:
 
     @classmethod
     def build(cls, motion: SmoothMotion, plain: Floats, points: Floats) -> SmoothSlope:
-        """That at the ``points`` which the correction of the ``plain`` motion has found.
+        """Build the derivative at the ``points`` that the correction of the ``plain`` motion has found.
 
         Raises
         ------
@@ -72,13 +72,13 @@ class SmoothSlope:
             step = made._solved(-made._gradient)
             if np.abs(step).max() > _AT_MINIMUM * extent:
                 raise not_at_minimum()
-            points = points.copy()  # one more step: the derivative is as exact as the minimum
+            points = points.copy()  # one more Newton step: the derivative is only as exact as the minimum
             points[free] += step
             made = replace(made, points=points)
         return made
 
     def apply(self, plain_change: Floats, later: float = 0.0) -> Floats:
-        """(n, d) dy of dy_plain (n, d), and of a change of the distortion at which cells begin to resist."""
+        """(n, d) dy for dy_plain (n, d), and for a change of the distortion at which cells begin to resist."""
         if self.region is None:
             return plain_change
         free, nodes, out = self.region.free.free, self.region.free.nodes, plain_change.copy()
@@ -92,7 +92,7 @@ class SmoothSlope:
         return out
 
     def transpose(self, weights: Floats) -> tuple[Floats, float]:
-        """What dy_plain (n, d) and the change of the distortion count for weights (n, d) of dy."""
+        """The transpose: derivatives by dy_plain (n, d) and by the onset's change, for weights (n, d) of dy."""
         if self.region is None:
             return weights, 0.0
         free, nodes, out = self.region.free.free, self.region.free.nodes, weights.copy()
@@ -132,12 +132,12 @@ class SmoothSlope:
         return self._model[0]
 
     def _solved(self, right: Floats) -> Floats:
-        """H⁻¹ of (f, d) in the directions that nodes can take."""
+        """H⁻¹ times (f, d) in the directions in which nodes can move."""
         return self._solver(np.ascontiguousarray(right))
 
     @cached_property
     def _solver(self) -> Callable[[Floats], Floats]:
-        """The Hessian's factor, for every vector."""
+        """The Hessian's factor, used for every vector."""
         try:
             return self._required.solver(self._local, self._model[1])
         except ArithmeticError as error:
@@ -208,7 +208,7 @@ class SmoothSlope:
             yield 1.0 - sigma, 1.0 - self.motion.averages @ sigma
 
     def _activated(self, change: Floats, later: float) -> Floats:
-        """(n,) dσ of dp (n, d), and of a change of the distortion at which cells begin to resist."""
+        """(n,) dσ for dp (n, d) and for a change of the distortion at which cells begin to resist."""
         rows, slope, gradients = self._ramp
         nodes, alike = self.motion.corners.nodes[rows], self.motion.alike
         of_corner = slope * (np.einsum("cai,cai->c", gradients, change[nodes]) - later)
@@ -220,7 +220,7 @@ class SmoothSlope:
         return np.asarray(sigma[alike])
 
     def _activated_transposed(self, weights: Floats) -> tuple[Floats, float]:
-        """What dp (n, d) and the change of the distortion count for weights (n,) of dσ."""
+        """The transpose: derivatives by dp (n, d) and by the onset's change, for weights (n,) of dσ."""
         rows, slope, gradients = self._ramp
         nodes, alike = self.motion.corners.nodes[rows], self.motion.alike
         sigma: Floats = np.bincount(alike, weights=weights, minlength=len(weights)).astype(np.float64)
@@ -234,7 +234,7 @@ class SmoothSlope:
 
 
 def not_at_minimum() -> QualityRefused:
-    """The error for a mesh that a motion with a derivative has not led to."""
+    """Return the error for a mesh that is not the result of a motion with a derivative."""
     return QualityRefused(
         "the mesh was corrected in another way than by the smooth correction: its motion has no derivative here",
         code="FAILED_PRECONDITION",

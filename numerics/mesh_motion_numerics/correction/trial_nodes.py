@@ -1,9 +1,9 @@
 """The strongest correction: trial positions of nodes are freed and moved to raise the mesh's worst quality.
 
-The boundary is held where the motion puts it; no node of the mesh has moved yet. :func:`polish` frees a region and
-follows a continuation from a mild p-mean of the distortion to a sharp one with projected Gauss–Newton iterations
+The boundary is held in the positions of the motion; no node of the mesh has moved yet. :func:`polish` frees a region
+and follows a continuation from a mild p-mean of the distortion to a sharp one with projected Gauss–Newton iterations
 (:mod:`.newton`). If cells are inverted it untangles first, and measures the corners of cells against the reference
-mesh. In a valid mesh it measures whole cells as the metric does, which for quads and hexahedra gives up to twice the
+mesh. In a valid mesh it measures whole cells with the metric, which for quads and hexahedra gives up to twice the
 quality. :func:`reach` frees only the nodes of the bad cells and grows the region until the threshold is met, so the
 cost depends on the bad region and not on the mesh.
 """
@@ -39,7 +39,7 @@ __all__ = [
 ]
 
 LEVELS = tuple(PNorm(p, m, of="cells") for p, m in ((2, 1), (8, 2), (24, 4), (60, 8), (150, 16), (400, 40)))
-"""Continuation: starting sharper, or with half the iterations a level, ends at a third of the quality."""
+"""Continuation: with a sharper start, or half the iterations a level, the result has a third of the quality."""
 
 SIZE_WEIGHTS = {
     "size-skew": 0.5,
@@ -49,22 +49,22 @@ SIZE_WEIGHTS = {
     "skew": 0.01,
     "relative-size-skew": 0.5,
 }
-"""Weight of the size in the distortion, by the metric that judges."""
+"""Weight of the size in the distortion, for each metric that judges."""
 
 LAST_LEVEL = PNorm(1000, 100, of="cells")
-"""One more where the maximum is wanted of a region that is small enough for :data:`EXACTING`."""
+"""One more level, if the maximum is wanted for a region small enough for :data:`EXACTING`."""
 
 EXACTING = Accuracy(full_step_gain=1e-4, least_decrement=1e-4, least_gain=1e-6)
-"""1.8 times the time for 0.5 % of the maximum on average, 1 % and up to 4 % where cells are no simplices."""
+"""It takes 1.8 times the time for 0.5 % of the maximum on average, 1 % and up to 4 % if cells are no simplices."""
 
-_MILD_GAIN = 0.02  # over p: a full step that gains less ends a mild p-mean, which is only the start of sharper ones
-_LEVEL_ITERATIONS = 24  # with 12 a half-turned body among 11 000 triangles ends at 0.20 for 0.46, and no sooner
+_MILD_GAIN = 0.02  # over p: a full step with a smaller gain ends a mild p-mean, the start of sharper ones
+_LEVEL_ITERATIONS = 24  # with 12 a half-turned body among 11 000 triangles ends at 0.20 instead of 0.46, no sooner
 _EXACTING_UNKNOWNS = 10_000  # twice the time: tetrahedra 1 s, hexahedra 7 s
-_UNTANGLED = 1e-2  # least determinant for the barrier; nearer to 0 its steps stay short
+_UNTANGLED = 1e-2  # smallest determinant for the barrier; nearer to 0 the barrier's steps stay short
 _VALID = 1e-3  # determinant that untangling must reach before it may stop because of a small gain
 _SLOW = 1.5
 _STAGES, _STAGE_ITERATIONS = 25, 4
-_STALL = 0.85  # an untangling that keeps more than this of the least determinant over two stages will not succeed
+_STALL = 0.85  # if untangling keeps more than this share of the least determinant over two stages, it will not succeed
 _EARLY_RISE, _TAIL = 1.5, 0.65  # largest gain of the remaining levels: after the second level, after a later one
 MARGIN = 1.15  # a region that failed grows by the cells that are nearly bad
 _LEAST_GROWTH, _MOST_GROWTH = 1.4, 3.0
@@ -73,7 +73,7 @@ _TINY = 1e-300
 
 
 class Stage(NamedTuple):
-    """One minimised p-mean: the norm, free nodes, iterations, and the smallest quality so far."""
+    """One minimised p-mean: its norm, free nodes and iterations, and the smallest quality so far."""
 
     norm: PNorm
     free: int
@@ -83,7 +83,7 @@ class Stage(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class TrialMesh:
-    """The input of a correction: the mesh, which nodes are held, and how quality is judged.
+    """The input of a correction: the mesh, its held nodes, and the metric that judges it.
 
     Attributes
     ----------
@@ -128,7 +128,7 @@ class TrialMesh:
         return cell_quality(points, self.cells, self.reference_sizes)
 
     def quality_of(self, points: Floats, numbers: Integers) -> Floats:
-        """As :meth:`quality`, for the cells with these numbers (k,) only."""
+        """The metric of the cells with the numbers (k,), in the form of :meth:`quality`."""
         return signed(subset_quality(points, self.cells, self.reference_sizes, numbers), self.metric)
 
     def free(self, marked: Marks) -> FreeRegion:
@@ -159,11 +159,11 @@ class Polished:
     ----------
     points : (n, d) array, mesh length unit
     minimum : float
-        Smallest quality over the mesh (of :func:`polish`: over the region); negative if it stays tangled.
+        Smallest quality over the mesh (in :func:`polish`: over the region); negative if the mesh stays tangled.
     freed : int
         Number of nodes that were free at the end.
     forecast : float
-        Estimate of what all levels would have reached, if some were skipped.
+        Estimate of the quality after all levels, if some were skipped.
     quality : (m,) array, of :func:`reach` only
         The metric of every cell at ``points``.
     """
@@ -204,19 +204,19 @@ class _Search:
 
     @property
     def exacting(self) -> bool:
-        """Whether the exact maximum of freely moving nodes is wanted, and not expensive."""
+        """Whether the exact maximum of freely moving nodes is requested and not expensive."""
         unknowns = self.region.n_free * self.points.shape[1]
         return self.solve is None and math.isinf(self.target) and unknowns <= _EXACTING_UNKNOWNS
 
     def accuracy(self, norm: PNorm) -> Accuracy:
-        """Where the descent of one p-mean stops."""
+        """The criterion for the end of the descent of one p-mean."""
         if self.exacting and not norm.epsilon:
             return EXACTING
         rough = Accuracy()
         return rough if norm.epsilon else replace(rough, full_step_gain=max(rough.full_step_gain, _MILD_GAIN / norm.p))
 
     def descend(self, points: Floats, norm: PNorm, iterations: int) -> Floats:
-        """Newton iterations with one p-mean; judged on the way and at the end."""
+        """Run Newton iterations with one p-mean; judge the points during them and at the end."""
         norm = replace(norm, size_weight=SIZE_WEIGHTS[self.metric])
         result = newton(
             points,
@@ -264,14 +264,14 @@ def polish(
     target : float
         Stop as soon as every cell of the region is at least this good.
     thorough : bool
-        Go through all levels even where they will not reach the target.
+        Run all levels, even if they will not reach the target.
     solve : StepSolver, optional
         Restricts the steps to a space of displacements; by default every free node moves on its own.
 
     Returns
     -------
     Polished
-        The best of all positions found, the given ones included; nodes that are not free stay bitwise.
+        The best of all positions found, including the given ones; nodes that are not free keep their bits.
     """
     constraint = None if mesh.constraint is None else mesh.constraint.of(region)
     search = _Search(region, mesh.metric, target, points[region.nodes], solve, constraint)
@@ -284,7 +284,7 @@ def polish(
 
 
 def _descend_all(search: _Search, thorough: bool) -> bool:
-    """Untangle, then run all levels that are worth it; return whether the barrier could be used."""
+    """Untangle, then run all useful levels; return whether the barrier could be used."""
     local, barrier = _untangle(search, search.points)
     levels = (*LEVELS, LAST_LEVEL) if search.exacting else LEVELS
     for norm in levels if barrier else ():
@@ -331,7 +331,7 @@ def reach(
     Notes
     -----
     The first region has neither rings of neighbours nor a margin: both are expensive and often not needed. The next
-    region is larger by the factor by which the first stayed below the target.
+    region is larger by the factor by which the first result was below the target.
     """
     may_move = ~mesh.held
     quality = mesh.quality(points) if quality is None else quality

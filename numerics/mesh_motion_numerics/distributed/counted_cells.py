@@ -26,17 +26,17 @@ Ints = NDArray[np.int64]
 
 
 class CountedCells:
-    """The cells of a partition, judged one time after the other.
+    """The cells of a partition, which are judged many times.
 
-    Of each value the place is kept, in four bytes: its bin, and which of the bin's parts it is in. So the counts of all
-    bins are known. Where the values themselves are asked for, the few cells that have them are judged again.
+    The place of each value is kept in four bytes: its bin, and the part of the bin. So the counts of all bins are
+    known. If the values themselves are needed, the few cells that have them are judged again.
 
     Parameters
     ----------
     cells : CellTable
         m cells.
     metric : str
-        Ranks the worst cells.
+        The metric that ranks the worst cells.
     """
 
     def __init__(self, cells: CellTable, at_rest: CellsAtRest, metric: str) -> None:
@@ -46,7 +46,7 @@ class CountedCells:
         self._known: dict[tuple[str, Way], BinContent] = {}
 
     def judge(self, points: Floats) -> PartialSummary:
-        """Judge the cells with nodes at points (n, d), which must stay as they are until the next time."""
+        """Judge the cells with nodes at points (n, d), which must not change until the next call."""
         self._points = as_positions(points, self._cells.dimension)
         extents, counts, worst, inverted = kernels.counted_cells(
             self._points, *self._arguments(self.metric), WORST, BINS, self._places
@@ -67,7 +67,7 @@ class CountedCells:
         )
 
     def contents(self, questions: Questions) -> tuple[BinContent, ...]:
-        """What bins have, of the cells as they were judged last."""
+        """Return the contents of bins, for the cells as judged last."""
         missing = [one for one in questions if one not in self._known]
         for name in dict.fromkeys(name for name, _ in missing):
             ways = [way for of, way in missing if of == name]
@@ -77,23 +77,23 @@ class CountedCells:
         return tuple(self._known[one] for one in questions)
 
     def _find_counts(self, name: str, ways: Sequence[Way]) -> None:
-        """Bins of the first division."""
+        """Count the values in the parts of bins of the first division."""
         bins = np.array([way[0][2] for way in ways], dtype=np.uint32)
         counts = kernels.counts_in_parts(self._places_of(name), bins, BINS)
         for way, own in zip(ways, counts, strict=True):
             filled = np.flatnonzero(own)
-            if own.sum() <= FEW or len(filled) == 1:  # then the values have to be sent, or may be
+            if own.sum() <= FEW or len(filled) == 1:  # the values may be needed
                 self._known[name, way] = content(self._values(name, way[0][2] * BINS + filled), way)
             else:
                 self._known[name, way] = BinContent(filled.astype(np.uint16), own[filled].astype(np.uint32), None, None)
 
     def _find_values(self, name: str, ways: Sequence[Way]) -> None:
-        """Bins of further divisions."""
+        """Find the values in bins of further divisions."""
         values = self._values(name, np.array([way[0][2] * BINS + way[1][2] for way in ways]))
         self._known |= {(name, way): content(values, way) for way in ways}
 
     def _whole(self, name: str, counts: Ints, least: float, most: float) -> BinContent:
-        """All values of a metric, with their counts (BINS,), minimum and maximum."""
+        """Return all values of a metric: their counts (BINS,), minimum and maximum."""
         if len(self._cells) <= FEW:
             return content(self._values(name, np.unique(self._places_of(name))), WHOLE)
         filled = np.flatnonzero(counts)
@@ -101,14 +101,14 @@ class CountedCells:
         return BinContent(filled.astype(np.uint16), counts[filled].astype(np.uint32), *alike)
 
     def _values(self, name: str, places: NDArray[Any]) -> Floats:
-        """The values of a metric at places."""
+        """Return the values of a metric at given places."""
         found: Floats = kernels.values_at(
             self._points, *self._arguments(name), self._places_of(name), places.astype(np.uint32)
         )
         return found
 
     def _places_of(self, name: str) -> NDArray[np.uint32]:
-        """Where the values (m,) of a metric are."""
+        """The places of the values (m,) of a metric."""
         places: NDArray[np.uint32] = self._places[self._names.index(name)]
         return places
 

@@ -1,7 +1,7 @@
-"""A field as arrays: what a client needs to evaluate the motion of a boundary at nodes of its own.
+"""A field as arrays: the data with which a client evaluates the motion of a boundary at its own nodes.
 
 Centres and grids belong to the reference mesh and stay the same in a session; the coefficients are the motion. A field
-that is made again from its arrays gives bitwise the same values, and so does a part of it in the box that it is for.
+that is rebuilt from its arrays gives bitwise the same values; so does a part of it, inside its box.
 """
 
 from __future__ import annotations
@@ -39,12 +39,12 @@ class Field:
         ``inverse_side``, ``extent``, ``shape``), and with a polynomial its ``centre`` and ``scale``. Without a spline
         the first sum is the coarse field. All others are compact levels, in their order.
     centres : (c, d) array, mesh length unit
-        Of all sums, one after the other.
+        The centres of all sums, one sum after the other.
     boxes : (b, 14) array
-        Of the spline, finest first: lower corner (3), inverse spacing, cells (3), first row of its coefficients among
-        all; first (3) and behind the last (3) of the coefficients that are here, along each axis.
+        The boxes of the spline, finest first: lower corner (3), inverse spacing, cells (3), first row of the box's
+        coefficients among all; along each axis the first (3) and the last + 1 (3) of the coefficients that are present.
     coefficients : (r, d) array
-        Of each sum its weights, and behind them its polynomial's; then those of the spline.
+        For each sum its weights, then the coefficients of its polynomial; after all sums those of the spline.
     """
 
     sums: Sequence[Mapping[str, Any]]
@@ -54,7 +54,7 @@ class Field:
 
     @classmethod
     def of(cls, interpolant: AnyInterpolant) -> Self:
-        """The arrays of an interpolant."""
+        """Return the arrays of an interpolant."""
         sums, spline = _parts(interpolant)
         rows, boxes = [_rows(each) for each in sums], np.empty((0, 14))
         if spline is not None:
@@ -72,7 +72,7 @@ class Field:
         return same and np.array_equal(self.centres, other.centres)
 
     def interpolant(self, like: AnyInterpolant | None = None) -> AnyInterpolant:
-        """The interpolant again; faster if it is ``like`` one of a field that differs in coefficients only."""
+        """Rebuild the interpolant; faster if ``like`` is one of a field that differs in coefficients only."""
         centres, rows = _Taken(self.centres), _Taken(self.coefficients)
         layouts = [None] * len(self.sums) if like is None else [each.layout for each in _parts(like)[0]]
         sums = [_sum(described, centres, rows, at) for described, at in zip(self.sums, layouts, strict=True)]
@@ -82,7 +82,7 @@ class Field:
         return sums[0] if len(sums) == 1 else TwoScaleInterpolant(sums[0], tuple(sums[1:]), sums[0].basis, 0)
 
     def counted(self, places: Floats, weights: Floats) -> Floats:
-        """(r, k) what the coefficients count for (n, k) weights of the values at (n, d) places: the transpose."""
+        """The transpose: (r, k) derivatives by the coefficients, for (n, k) weights of the values at (n, d) places."""
         sums, spline = _parts(self.interpolant())
         rows, layouts = [], dict[tuple[str, float], CentreLayout]()
         for each in sums:
@@ -100,16 +100,16 @@ class Field:
         return np.concatenate(rows)
 
     def split(self, rows: Floats) -> tuple[Floats, list[Floats]]:
-        """Rows (r, k) of all coefficients: of the spline or the first sum, and of each compact level."""
+        """Split rows (r, k) of all coefficients: those of the spline or first sum, and those of each compact level."""
         ends = np.cumsum([each["centres"] + (1 + len(each["centre"]) if "scale" in each else 0) for each in self.sums])
         *levels, spline = np.split(rows, ends)
         return (spline, levels) if len(self.boxes) else (levels[0], levels[1:])
 
     def part(self, box: Floats) -> FieldPart:
-        """What a point of a box (2, d), mesh length unit, needs of this field and of those that differ in coefficients.
+        """Return the part of this field, and of fields with other coefficients, for the points of a box (2, d).
 
-        Of a sum's grid the cells in the box and next to it, with all their centres; of a spline the coefficients that
-        a point of the box uses.
+        From a sum: the cells of its grid in the box and next to it, with all their centres. From a spline: the
+        coefficients that a point of the box uses.
         """
         sums, spline = _parts(self.interpolant())
         described, kept_centres, rows, boxes = [], [], [], self.boxes.copy()
@@ -131,14 +131,14 @@ class Field:
 
 @dataclass(frozen=True, eq=False)
 class FieldPart:
-    """The part of fields of one boundary that a box needs.
+    """The part of fields of one boundary for the points of a box.
 
     Attributes
     ----------
     own : Field
-        That of one of them.
+        The part of one of these fields.
     rows : (r,) int64 array, or slice
-        Rows of the coefficients of the whole.
+        The rows of the part among the coefficients of a whole field.
     """
 
     own: Field
@@ -146,7 +146,7 @@ class FieldPart:
 
     @classmethod
     def whole(cls, field: Field) -> Self:
-        """All of a field."""
+        """Return the part that is the whole field."""
         return cls(field, slice(None))
 
     def of(self, coefficients: Floats) -> Field:
@@ -155,7 +155,7 @@ class FieldPart:
 
 
 def _parts(interpolant: AnyInterpolant) -> tuple[list[Interpolant], NestedSpline | None]:
-    """Its sums, and its spline."""
+    """Yield the sums of the field, and its spline."""
     if isinstance(interpolant, Interpolant):
         return [interpolant], None
     coarse = interpolant.coarse
@@ -170,7 +170,7 @@ def _rows(each: Interpolant) -> Floats:
 
 
 def _described(each: Interpolant) -> dict[str, Any]:
-    """A sum without its arrays."""
+    """Describe a sum without its arrays."""
     layout = each.layout
     found = {
         "basis": each.basis.name,
@@ -199,7 +199,7 @@ class _Taken:
         return np.ascontiguousarray(taken)
 
     def rest(self) -> Floats:
-        """All that are left."""
+        """Take all remaining rows."""
         return self.next(len(self._rows))
 
 
@@ -217,7 +217,7 @@ def _sum(described: Mapping[str, Any], centres: _Taken, rows: _Taken, layout: Ce
 
 
 def _visited(layout: CentreLayout, box: Floats) -> Ints:
-    """Centres, ascending, that the sum at a point of the box (2, d) visits: their cells are at most one from the box.
+    """The centres, ascending, that a sum visits for points of the box (2, d): their cells are at most one cell from it.
 
     The cells of a row along x are contiguous; the cost depends on the rows in the box, not on all centres.
     """
@@ -233,15 +233,15 @@ def _visited(layout: CentreLayout, box: Floats) -> Ints:
 
 
 def _layers(cells: Ints) -> Ints:
-    """(b, 3) coefficients along each axis of boxes with ``cells`` (b, 3)."""
+    """(b, 3) number of coefficients along each axis of boxes with ``cells`` (b, 3)."""
     return np.where(cells > 0, cells + 3, 1)
 
 
 def _range(spline: NestedSpline, number: int, box: Floats) -> tuple[Ints, Ints]:
-    """First (3,) and last + 1 (3,) coefficient of one of its boxes along each axis that points of a box (2, d) use.
+    """First (3,) and last + 1 (3,) coefficient of a spline's box along each axis for points of a box (2, d).
 
-    The last box, the domain's, has every point that no other box has; points outside it count at its rim. One more
-    layer on each side allows for rounding.
+    The last box is that of the domain: it has every point that no other box has, and points outside it are moved to its
+    rim. One more layer on each side allows for rounding.
     """
     cells = spline.cells[number]
     place = (padded(box) - spline.origin[number]) * spline.inverse_spacing[number]
@@ -252,7 +252,7 @@ def _range(spline: NestedSpline, number: int, box: Floats) -> tuple[Ints, Ints]:
 
 
 def _places(boxes: Floats) -> Iterator[Ints]:
-    """Rows, among those of a whole spline, of the coefficients of each box that are here."""
+    """The rows of the present coefficients of each box, among the rows of a whole spline."""
     for _, _, _, _, *numbers in boxes.astype(np.int64).tolist():
         cells, start, first, last = numbers[:3], numbers[3], numbers[4:7], numbers[7:]
         x, y, z = _layers(np.array(cells)).tolist()
@@ -261,7 +261,7 @@ def _places(boxes: Floats) -> Iterator[Ints]:
 
 
 def _spline(boxes: Floats, rows: Floats, dimension: int) -> NestedSpline:
-    """The spline of boxes and the coefficients that are here; all others are zero."""
+    """Build the spline from its boxes and the present coefficients; all others are zero."""
     origin, inverse, cells_given, start, _ = np.split(boxes, [3, 4, 7, 8], axis=1)
     cells: Ints = np.ascontiguousarray(cells_given, dtype=np.int64)
     coefficients = np.zeros((int(np.prod(_layers(cells), axis=1).sum()), rows.shape[1]))

@@ -1,7 +1,7 @@
-"""The quality of cells that lie with the ranks of a client, as plain values and arrays: the content of JUDGE.
+"""The quality of cells on the ranks of a client, as plain values and arrays: the content of JUDGE.
 
-A rank reports the quality of its cells, and how they fill the bins it was asked for. Each time it reports all of it
-again, so that the session keeps nothing between two messages: either all is known, or some more bins are asked for.
+A rank reports the quality of its cells, and the contents of the requested bins. Each report has everything again, so
+that the session stores nothing between two messages: either the quality is complete, or the session requests more bins.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ _TYPES = tuple(CELL_TYPES)
 
 
 class Unanswered(Exception):
-    """Bins that no rank has reported yet."""
+    """The report of some bins is still missing."""
 
     def __init__(self, questions: Questions) -> None:
         super().__init__("bins are not known yet")
@@ -48,14 +48,14 @@ class Unanswered(Exception):
 
 @dataclass(frozen=True, eq=False)
 class RankReport:
-    """What one rank reported: its part of the summary, without contents, and the contents of each bin asked for."""
+    """The report of one rank: its part of the summary, without contents, and the contents of each requested bin."""
 
     part: PartialSummary
     answers: Mapping[tuple[str, Way], BinContent]
 
 
 def first_questions(metric: str) -> Questions:
-    """All values of each metric of a report."""
+    """Questions about all values of each metric of a report."""
     return tuple((name, WHOLE) for name in reported_metrics(metric))
 
 
@@ -82,7 +82,7 @@ def report_fields(
     place : callable
         Number of a worst cell → its type, and its number among those of its type.
     questions, answers
-        The bins asked for, and what they hold.
+        The requested bins, and their contents.
     """
     worst = [
         (_TYPES.index(kind), local, cell.value, cell.size, cell.skew, cell.size_skew, *cell.centre)
@@ -108,12 +108,12 @@ def report_fields(
 
 
 def read_report(fields: Mapping[str, Any], number: Callable[[str, int], int], *, partition: int) -> RankReport:
-    """Read the fields of a JUDGE; ``number`` gives the number of a cell from its type and its number within that.
+    """Read the fields of a JUDGE; ``number`` gives a cell's number from its type and its number within the type.
 
     Raises
     ------
     InvalidInput
-        If they do not fit together.
+        If the fields do not fit together.
     """
     with reading("JUDGE", partition):
         return _read_report(fields, number)
@@ -155,13 +155,13 @@ def _read_report(fields: Mapping[str, Any], number: Callable[[str, int], int]) -
 
 
 def require(good: bool, expected: str) -> None:
-    """Raise ValueError that names what was ``expected``, unless it is good."""
+    """Raise ValueError that names the ``expected`` condition, unless it is met."""
     if not good:
         raise ValueError(expected)
 
 
 def _content(bins: NDArray[np.int64], values: NDArray[np.float64]) -> BinContent:
-    """One bin: parts of it with their counts, and its values if all of them were sent."""
+    """Read one bin: its parts with their counts, and its values if all of them were sent."""
     repeated = values[:, 2].astype(np.int64)
     whole = int(repeated.sum()) == int(bins[:, 2].sum())
     return BinContent(
@@ -173,14 +173,14 @@ def _content(bins: NDArray[np.int64], values: NDArray[np.float64]) -> BinContent
 
 
 def summary_of(ranks: Sequence[RankReport], metric: str) -> QualitySummary:
-    """The quality of all cells.
+    """Return the quality of all cells.
 
     Raises
     ------
     Unanswered
-        If more bins must be known.
+        If more bins are needed.
     InvalidInput
-        If a rank reports other metrics, or their reports do not add up.
+        If a rank reports other metrics, or the reports of the ranks do not fit together.
     """
 
     def ask(questions: Questions) -> list[list[BinContent]]:

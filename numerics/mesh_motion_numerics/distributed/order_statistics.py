@@ -38,7 +38,7 @@ Division = tuple[float, float, int]
 """Lower limit, bins per unit, bin."""
 
 Way = tuple[Division, ...]
-"""How a bin is reached from all values: the divisions one after the other."""
+"""The path to a bin from all values: the divisions one after the other."""
 
 WHOLE: Way = ()
 """All values."""
@@ -46,7 +46,7 @@ WHOLE: Way = ()
 
 @dataclass(frozen=True, eq=False)
 class BinContent:
-    """The values of a machine in a bin.
+    """The values of one machine in a bin.
 
     Attributes
     ----------
@@ -63,7 +63,7 @@ class BinContent:
 
 
 def content(values: Floats, way: Way) -> BinContent:
-    """Return what the values (m,) of a metric have in the bin at the end of a way."""
+    """Return the part of the values (m,) of a metric that is in the bin at the end of a way."""
     for low, scale, wanted in way:
         values = kernels.values_in_bin(values, low, scale, BINS, wanted)
     low, scale = _division(way)

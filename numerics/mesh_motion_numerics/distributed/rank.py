@@ -1,6 +1,6 @@
-"""The mesh of one rank of a client, when the server has the boundary only: moves the nodes, judges the cells.
+"""The mesh of one rank of a client when the server has only the boundary: moves the nodes, judges the cells.
 
-It needs the numerics of the server's package, scipy among it, but no server.
+This needs the numerics package and scipy, but no server.
 """
 
 from __future__ import annotations
@@ -42,16 +42,16 @@ class Rank:
     points : (n, d) array, mesh length unit
         Reference coordinates.
     cells : mapping of str to (m, k) int array
-        By type; nodes in rows of ``points``.
+        Cells by type; nodes are rows of ``points``.
     patch_nodes : (p,) int64 array
         Nodes on patches.
 
     Attributes
     ----------
     nodes : (b,) int64 array
-        Nodes that the server must know, ascending: those on patches, on the boundary of this partition (also towards
-        others, where another partition may have a patch), and those that span its box. Behind them those of the cells
-        near moving walls.
+        Nodes that the server must know, ascending: nodes on patches, on the boundary of this partition (also towards
+        other partitions, because these may have a patch there), and the nodes that span its bounding box. After them
+        the nodes of the cells near moving walls.
 
     Raises
     ------
@@ -70,7 +70,7 @@ class Rank:
         self._boundary, self._sent = len(self.nodes), np.zeros(len(read.cells), dtype=bool)
         self._last: tuple[Field, AnyInterpolant, NearOperators | None] | None = None
         self._judged: CountedCells | None = None
-        self._moved = np.empty_like(points)  # kept: new memory takes as long as half of the judging
+        self._moved = np.empty_like(points)  # reused: allocating new memory takes half the time of judging
 
     @property
     def facets(self) -> dict[str, NDArray[np.int32]]:
@@ -80,12 +80,13 @@ class Rank:
         return {name: np.searchsorted(nodes, rows).astype(np.int32) for name, rows in found}
 
     def near(self, wall: Floats, reach: float) -> tuple[Ints, dict[str, Ints]]:
-        """The cells about the nodes within a reach of facets (f, d, d), but for those that were so before.
+        """Return the cells at the nodes within a reach of facets (f, d, d), without cells returned before.
 
         Returns
         -------
         (k,) int64 array, dict
-            Nodes that the server must know too, now at the end of :attr:`nodes`; the cells by type, in rows of these.
+            Further nodes that the server must know, now at the end of :attr:`nodes`; the cells by type, in rows of
+            :attr:`nodes`.
         """
         chosen = cells_of_nodes(self._cells, are_within(wall, self._points, reach)) & ~self._sent
         self._sent |= chosen
@@ -97,33 +98,33 @@ class Rank:
         return new, {block.type.name: row[block.nodes[own]] for block, own in blocks if own.any()}
 
     def extend(self, nodes: Ints) -> None:
-        """More nodes (k,) are known to the server."""
+        """Add nodes (k,) to the nodes that the server knows."""
         self.nodes = np.concatenate([self.nodes, nodes])
 
     def displacement(self, field: Field, known: Floats) -> Floats:
-        """(n, d) displacement from the reference mesh: by a field, and ``known`` (b, d) of :attr:`nodes`."""
+        """(n, d) displacement from the reference mesh: from a field, and ``known`` (b, d) at :attr:`nodes`."""
         found = self._positions(field)
         found -= self._points
         found[self.nodes] = known
         return found
 
     def velocity(self, field: Field, known: Floats) -> Floats:
-        """(n, d) velocity: by a field of velocities, and ``known`` (b, d) of :attr:`nodes`."""
+        """(n, d) velocity: from a field of velocities, and ``known`` (b, d) at :attr:`nodes`."""
         interpolant, prepared = self._prepared(field)
         found = evaluation.displacement(interpolant, self._points, prepared)
         found[self.nodes] = known
         return found
 
     def counted(self, field: Field, weights: Floats, others: Ints) -> Floats:
-        """(r, d) what weights (n, d) of the nodes count for a field's coefficients, but of :attr:`nodes` and others."""
+        """(r, d) derivatives by a field's coefficients, for weights (n, d) without :attr:`nodes` and ``others``."""
         own = np.ones(len(self._points), dtype=bool)
         own[self.nodes] = own[others] = False
         return field.counted(self._points[own], np.ascontiguousarray(weights[own]))
 
     def region(self, field: Field, known: Floats, extent: Extent, around: Ints) -> Region:
-        """The cells that are bad after the displacement by a field and ``known`` (b, d), and those about them.
+        """The cells that are bad after the displacement by a field and ``known`` (b, d), and the cells around them.
 
-        Ids are indices of this rank's nodes; ``around`` (k,) nodes there may be more.
+        Ids are indices of this rank's nodes; ``around`` (k,) has further nodes whose cells are included.
         """
         positions = self._positions(field)
         positions[self.nodes] = self._points[self.nodes] + known
@@ -136,18 +137,18 @@ class Rank:
         return region_fields(self._points, positions, self._given, quality, values, extent, around, interior=interior)
 
     def _positions(self, field: Field) -> Floats:
-        """(n, d) positions to which a field takes the nodes, except :attr:`nodes`."""
+        """(n, d) positions of the nodes after a field's displacement, except those of :attr:`nodes`."""
         interpolant, prepared = self._prepared(field)
         found = evaluation.displacement(interpolant, self._points, prepared)
         found += self._points
         return found
 
     def _prepared(self, field: Field) -> tuple[AnyInterpolant, NearOperators | None]:
-        """The interpolant of a field, and what does not change while only coefficients do."""
+        """The interpolant of a field, with the data that stays constant while only coefficients change."""
         last = self._last
         if last is not None and field.differs_in_coefficients_only(last[0]):
             return field.interpolant(last[1]), last[2]
-        self._last = last = None  # first: two of them need not fit into memory
+        self._last = last = None  # first delete the old data: both may not fit into memory
         interpolant, prepared = field.interpolant(), None
         if isinstance(interpolant, TwoScaleInterpolant):
             prepared = evaluation.prepare(interpolant, self._points, skipped=self.nodes)
@@ -155,7 +156,7 @@ class Rank:
         return interpolant, prepared
 
     def judge(self, displacement: Floats, metric: str) -> Callable[[list[dict[str, Any]]], dict[str, Any]]:
-        """Judge the cells with the nodes displaced by (n, d); returns what gives JUDGE's fields for questions."""
+        """Judge the cells with the nodes displaced by (n, d); return a function from questions to JUDGE's fields."""
         if self._judged is None or self._judged.metric != metric:
             self._judged = CountedCells(self._cells, self._at_rest, metric)
         judged = self._judged
@@ -171,13 +172,13 @@ class Rank:
         return fields
 
     def _place(self, cell: int) -> tuple[str, int]:
-        """Type of a cell, and its number among those of its type."""
+        """The type of a cell, and its number among the cells of its type."""
         block, row = self._cells.locate(cell)
         return block.type.name, row
 
 
 def _check_in_cells(cells: CellTable, count: int) -> None:
-    """Each of ``count`` nodes is in a cell: another one may lie outside the box for which the field comes."""
+    """Check that each of ``count`` nodes is in a cell: others may be outside the box for which the field is sent."""
     alone = nodes_in_no_cell(count, cells)
     if len(alone):
         raise InvalidInput(

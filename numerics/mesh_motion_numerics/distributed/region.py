@@ -1,7 +1,7 @@
-"""The bad cells of a partition with the cells about them, as plain values and arrays: the content of CORRECT.
+"""The bad cells of a partition and the cells around them, as plain values and arrays: the content of CORRECT.
 
-A rank sends the cells whose quality is below a bound, all cells within some rings about them or about given nodes, and
-of each node whether all of the rank's cells at it are among these.
+A rank sends the cells whose quality is below a bound, and all cells within some rings around them or around given
+nodes. For each node it says whether all of the rank's cells at this node are sent.
 """
 
 from __future__ import annotations
@@ -23,20 +23,20 @@ __all__ = ["ALL", "Extent", "Region", "region_fields"]
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-#: No quality is above: that of all cells is below.
+#: A bound above every quality: all cells are below it.
 ALL = 2.0
 
 
 @dataclass(frozen=True)
 class Extent:
-    """Which cells are sent.
+    """The choice of the cells that are sent.
 
     Attributes
     ----------
     below : float
-        Those whose quality is below; :data:`ALL`: all cells.
+        Cells with a lower quality are sent; :data:`ALL`: all cells.
     rings : int
-        And those within so many rings of cells about these, or about given nodes.
+        Number of rings of cells around these cells, or around given nodes, that are sent too.
     """
 
     metric: str
@@ -49,13 +49,13 @@ class Extent:
         return cls(str(plain["metric"]), float(plain["below"]), int(plain["rings"]))
 
     def as_plain(self) -> dict[str, Any]:
-        """The map ``region`` of a message."""
+        """Return the map ``region`` of a message."""
         return {"metric": self.metric, "below": self.below, "rings": self.rings}
 
 
 @dataclass(frozen=True, eq=False)
 class Region:
-    """What one rank sent.
+    """The data that one rank sent.
 
     Attributes
     ----------
@@ -64,11 +64,11 @@ class Region:
     whole : (r,) bool array
         Whether all cells of the rank at the node are sent.
     points, positions : (r, d) arrays, mesh length unit
-        In the reference mesh, and where the field takes them.
+        Coordinates in the reference mesh, and after the field's displacement.
     cells : dict
         Type → (m, k) rows of nodes.
     interior : int
-        Number of nodes of the rank that the server has not.
+        Number of nodes of the rank that the server does not have.
     extremes : (float, float)
         Smallest relative skew and size of the cells that are not sent; 1 without such cells.
     """
@@ -84,12 +84,12 @@ class Region:
 
     @classmethod
     def read(cls, fields: Mapping[str, Any], *, partition: int) -> Self:
-        """From the fields of a CORRECT.
+        """Read the fields of a CORRECT.
 
         Raises
         ------
         InvalidInput
-            If they do not fit together.
+            If the fields do not fit together.
         """
         with reading("CORRECT", partition):
             return cls._read(fields)
@@ -117,7 +117,7 @@ class Region:
         return cls(Extent.of(part), nodes[:, 0], whole, points, positions, cells, interior, (skew, size))
 
     def fields(self) -> dict[str, Any]:
-        """The fields of a CORRECT."""
+        """Return the fields of a CORRECT."""
         corners = [rows.reshape(-1) for rows in self.cells.values()]
         return {
             "part": self.extent.as_plain()
@@ -141,16 +141,16 @@ def region_fields(
     *,
     interior: int,
 ) -> Region:
-    """The cells of a rank that are sent; ids are its own indices.
+    """Return the cells of a rank that are sent; ids are the rank's own indices.
 
     Parameters
     ----------
     points, positions : (n, d) arrays, mesh length unit
-        Of all its nodes.
+        Coordinates of all its nodes.
     quality, values : CellQuality, (m,) array
-        Of all its cells at the positions; the metric of the extent.
+        Quality of all its cells at the positions, and the metric of the extent.
     around : (k,) int64 array
-        Nodes about which the region lies too.
+        Further nodes whose cells belong to the region.
     interior : int
         As in :class:`Region`.
     """
@@ -177,7 +177,7 @@ def region_fields(
 
 
 def _extremes(quality: CellQuality, chosen: NDArray[np.bool_], metric: str) -> tuple[float, float]:
-    """The smallest relative skew, where the metric takes it, and the smallest size of the chosen (m,) cells."""
+    """The smallest relative skew, if the metric uses it, and the smallest size of the chosen (m,) cells."""
     size = float(np.min(quality.size, where=chosen, initial=1.0))
     if metric != "relative-size-skew":
         return 1.0, size

@@ -1,7 +1,7 @@
-"""Joins the quality of a mesh from its partitions: each sends its part in some kilobytes.
+"""Joins the quality of a mesh from its partitions: each partition sends its part in some kilobytes.
 
-Minimum, percentiles, worst cells and the number of inverted ones are those of the whole mesh to the last bit; a mean is
-a sum in another order.
+Minimum, percentiles, worst cells and the number of inverted cells are exact to the last bit; the sum of a mean has
+another order.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ from mesh_motion_numerics.quality.quality_summary import (
 __all__ = ["WORST", "PartialSummary", "Questions", "joined"]
 
 Questions = tuple[tuple[str, Way], ...]
-"""Metrics, and the bin of each that is asked for."""
+"""Metrics, each with a bin to report."""
 
-#: Worst cells that a partition names.
+#: Number of worst cells that a partition reports.
 WORST = 10
 
 
@@ -34,11 +34,11 @@ class PartialSummary:
     Attributes
     ----------
     sums, minima : dict of str to float
-        By metric.
+        Sum and minimum of each metric.
     contents : dict of str to BinContent
         All values of each metric in bins.
     worst : tuple of WorstCell
-        Its worst cells.
+        The worst cells of the partition.
     """
 
     cells: int
@@ -57,7 +57,7 @@ def joined(
     Parameters
     ----------
     metric : str
-        As in the parts.
+        The metric of the parts.
     ask : callable
         Asks all partitions for bins; returns the contents of each question, partition by partition.
     """

@@ -45,7 +45,7 @@ class _Search(NamedTuple):
 
 
 def _search(layout: CentreLayout, support_radius: float) -> _Search:
-    """The layout's own grid, or one of small cells if its cells had to be far wider than R."""
+    """Return the layout's own grid, or a grid of small cells if the layout's cells are far wider than R."""
     wider = layout.inverse_side * support_radius * _WIDER < 1.0
     none = np.empty(0, dtype=np.int64)
     if not wider or layout.extent < _WIDER * support_radius or not layout.n_centres:
@@ -60,7 +60,7 @@ def _search(layout: CentreLayout, support_radius: float) -> _Search:
 def rows_near(
     layout: CentreLayout, support_radius: float, points: Floats, *, skipped: Integers | None = None
 ) -> tuple[Integers, Floats]:
-    """Rows (r,) of (n, d) points that may be closer than R to a centre, and these points (r, 3), by their places.
+    """Rows (r,) of (n, d) points that may be closer than R to a centre, and these points (r, 3), sorted by cell.
 
     The ``skipped`` rows (u,) are left out.
     """
@@ -79,7 +79,7 @@ def mean_row_entries(layout: CentreLayout, support_radius: float) -> float:
 
 
 class SparseRows(NamedTuple):
-    """A sparse matrix in compressed rows by SciPy's names; it is made for every state of a mesh, and never checked.
+    """A sparse matrix in compressed rows with SciPy's names but no checks, because every state of a mesh makes one.
 
     Attributes
     ----------
@@ -92,7 +92,7 @@ class SparseRows(NamedTuple):
     data: Floats
 
     def matrix(self, columns: int) -> csr_array:
-        """(m, columns) the same for SciPy."""
+        """Return the matrix (m, columns) for SciPy."""
         return csr_array((self.data, self.indices, self.indptr), shape=(len(self.indptr) - 1, columns))
 
 

@@ -38,7 +38,7 @@ class CentreLayout:
     inverse_side : float
         0 for a single cell.
     extent : float
-        Of all centres, along the axis where it is largest.
+        Extent of all centres along their longest axis.
     shape : (3,) int64 array
         Cells along each axis.
     starts : (n_cells + 1,) int64 array
@@ -66,7 +66,7 @@ class CentreLayout:
     def on_grid(
         cls, control_points: Floats, origin: Floats, inverse_side: float, extent: float, shape: Integers
     ) -> CentreLayout:
-        """Arrange a part (nc, d) of the control points on the grid of all: whole cells of it."""
+        """Arrange a part (nc, d) of the control points on the grid of all points: all points of some of its cells."""
         return cls(*kernels.lay_out_on_grid(padded(control_points), origin, inverse_side, extent, shape))
 
     @property

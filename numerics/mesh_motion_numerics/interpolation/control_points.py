@@ -1,4 +1,4 @@
-"""Checks that the points that an interpolation starts from are distinct."""
+"""Checks that the control points of an interpolation are distinct."""
 
 import numpy as np
 from mesh_motion_protocol.errors import InvalidInput
@@ -15,12 +15,12 @@ _SAME_POINT = 1e-13
 
 
 def checked_control_points(control_points: ArrayLike, spacing: Floats | None = None) -> Floats:
-    """A contiguous copy of (nc, d) control points, d = 1, 2 or 3.
+    """Return a contiguous copy of (nc, d) control points, d = 1, 2 or 3.
 
     Parameters
     ----------
     spacing : (nc,) array, optional
-        Of :func:`~mesh_motion_numerics.mesh.spacing.local_spacing`, if it is known.
+        Result of :func:`~mesh_motion_numerics.mesh.spacing.local_spacing`, if it is known.
 
     Raises
     ------

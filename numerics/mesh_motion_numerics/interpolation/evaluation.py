@@ -23,13 +23,13 @@ __all__ = ["NearOperators", "displacement", "gradient", "prepare"]
 
 @dataclass(frozen=True, eq=False)
 class NearOperators:
-    """What depends on control points and points alone, for an interpolant in two scales: one operator a level."""
+    """The data of an interpolant in two scales that depend only on control points and points: one operator a level."""
 
     operators: tuple[NearOperator, ...]
 
     @property
     def nbytes(self) -> int:
-        """Memory they hold."""
+        """Bytes of the operators."""
         return sum(operator.nbytes for operator in self.operators)
 
 
@@ -63,8 +63,8 @@ def displacement(
     ----------
     points : (n, d) array, mesh length unit
     prepared : NearOperators, optional
-        Of :func:`prepare` for these points and for an interpolant of the same factorization. The values are bitwise the
-        same with and without, except at the rows that were ``skipped``.
+        Result of :func:`prepare` for these points and for an interpolant of the same factorization. The values are
+        bitwise the same with and without it, except at the ``skipped`` rows.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The source of a motion's factorizations: made each time here, taken from a cache in a session."""
+"""The source of a motion's factorizations: without a session they are made each time, in a session kept in a cache."""
 
 import hashlib
 from collections.abc import Callable
@@ -32,18 +32,18 @@ __all__ = [
 
 
 class Kept(Protocol):
-    """What is computed once and may be cached."""
+    """Data that are computed once and may be cached."""
 
     @property
     def nbytes(self) -> int:
-        """Memory it holds."""
+        """Bytes of the data."""
         ...
 
 
 K = TypeVar("K", bound=Kept)
 
 CacheReport = dict[str, str | int | dict[str, int]]
-"""``"reused"`` or ``"made"`` for each kind of what is kept, and ``bytes`` held of each."""
+"""``"reused"`` or ``"made"`` for each kind of data, and ``bytes`` kept of each."""
 
 
 class FactorSource(Protocol):
@@ -54,7 +54,7 @@ class FactorSource(Protocol):
     """
 
     def get_or_make(self, key: bytes, make: Callable[[], K], kind: str = "factorization") -> tuple[K, bool]:
-        """The object with this ``key`` and kind, and whether it was reused."""
+        """Return the object with this ``key`` and kind, and whether it was reused."""
         ...
 
     def held(self) -> dict[str, int]:
@@ -66,7 +66,7 @@ class MakeEachTime:
     """A factor source that keeps nothing."""
 
     def get_or_make(self, key: bytes, make: Callable[[], K], kind: str = "factorization") -> tuple[K, bool]:
-        """Make it."""
+        """Make the object."""
         del key, kind
         return make(), False
 
@@ -111,7 +111,7 @@ def point_digest(points: Floats) -> bytes:
 
 
 def factorization_of(control_points: Floats, method: Method, factors: FactorSource) -> Factorization:
-    """The factorization for these control points (c, d).
+    """Return the factorization for these control points (c, d).
 
     The key is a digest of all its inputs, so a cache never returns a wrong factorization.
     """
@@ -126,9 +126,10 @@ def factorization_of(control_points: Floats, method: Method, factors: FactorSour
 def two_scale_factorization_of(
     control_points: Floats, box: Floats, plan: TwoScalePlan, factors: FactorSource
 ) -> Factorization:
-    """The factorization in two scales of control points (c, d) for places in a box (2, d).
+    """Return the factorization in two scales of control points (c, d) for places in a box (2, d).
 
-    A session has one plan per number of control points, except for the radius; so points, radius and box identify it.
+    In a session the plan depends only on the number of control points and on the radius; so points, radius and box
+    identify the factorization.
     """
     digest = hashlib.sha256(repr(("two-scale", plan.support_radius, control_points.shape)).encode())
     digest.update(np.ascontiguousarray(box).data)
@@ -139,7 +140,7 @@ def two_scale_factorization_of(
 def prepared_for(
     interpolant: AnyInterpolant, points: Floats, factors: FactorSource, *, skipped: Integers
 ) -> NearOperators | None:
-    """What is prepared for an interpolant in two scales at points (n, d), except the ``skipped`` rows.
+    """Return the prepared operators of an interpolant in two scales at points (n, d), except the ``skipped`` rows.
 
     None for any other interpolant, and without compact levels.
     """
@@ -181,7 +182,7 @@ class DeferredFactorization:
         return self._made.nbytes
 
     def solve(self, values: Floats) -> AnyInterpolant:
-        """Interpolant of (nc, k) values."""
+        """Return the interpolant of (nc, k) values."""
         return self._made.solve(values)
 
     @cached_property

@@ -22,7 +22,7 @@ Shorts = NDArray[np.int32]
 
 @dataclass(frozen=True, eq=False)
 class HashedCells:
-    """Sorted points and the table that finds those of a cell.
+    """Sorted points and the table that finds the points of a cell.
 
     Attributes
     ----------
@@ -51,6 +51,6 @@ class HashedCells:
     def build(cls, points: Floats, origin: Floats, extent: float, side: float) -> HashedCells:
         """Sort points (n, 3) by cells of the given side; by wider cells if an axis would have a million of them.
 
-        They may be a part of the points that reach from the ``origin`` (3,) as far as ``extent`` along each axis.
+        The points may be a part of all points, which reach from the ``origin`` (3,) at most ``extent`` along each axis.
         """
         return cls(*kernels.store_cells(points, origin, extent, side))

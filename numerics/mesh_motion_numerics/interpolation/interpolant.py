@@ -86,11 +86,11 @@ class Factorization(Protocol):
 
     @property
     def nbytes(self) -> int:
-        """Memory it holds."""
+        """Bytes of the factorization."""
         ...
 
     def solve(self, values: Floats) -> AnyInterpolant:
-        """Interpolant of (nc, k) values at the control points."""
+        """Return the interpolant of (nc, k) values at the control points."""
         ...
 
 
@@ -113,7 +113,7 @@ def factorize(
     support_radius : float, mesh length unit
         R; None only if the interpolant does not depend on it.
     solver : {"auto", "dense", "sparse", "iterative"}
-        Of a positive definite basis; "auto" chooses by the number of points and the fraction of nonzero entries
+        Solver for a positive definite basis; "auto" chooses by the number of points and the fraction of nonzero entries
         (:func:`~mesh_motion_numerics.interpolation.factorizations.choice.choose_solver`).
     spacing : (nc,) array, mesh length unit, optional
         Distance of each point to the nearest other one, if it is known.

@@ -1,9 +1,9 @@
 """An interpolation as a linear map of the values at its control points, and the transpose of that map.
 
-It leads to the values at given places, or to the coefficients where another program evaluates the interpolant. The map
-is the one that a motion applies: the same coarse points, levels, grid and polynomials. The transpose runs
-through the same operations backwards, so ``⟨w, A v⟩ = ⟨Aᵀ w, v⟩`` holds to rounding, as an adjoint needs it. In two
-scales the compact levels are solved exactly, where a motion leaves a residual to the next level.
+The results are the values at given places, or the coefficients if another program evaluates the interpolant. The map is
+the same as in a motion, with the same coarse points, levels, grid and polynomials. The transpose runs through the same
+operations backwards, so ``⟨w, A v⟩ = ⟨Aᵀ w, v⟩`` holds to rounding, as an adjoint requires. In two scales the compact
+levels are solved exactly, but a motion leaves a residual to the next level.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class InterpolationMap(Protocol):
         ...
 
     def transpose(self, weights: Floats) -> Floats:
-        """(nc, k) what the values at the control points count for (n, k) weights of those at the places."""
+        """(nc, k) derivatives by the values at the control points, for (n, k) weights of the values at the places."""
         ...
 
 
@@ -53,14 +53,14 @@ def interpolation_map(
     *,
     left_out: Integers | None = None,
 ) -> InterpolationMap:
-    """The map of a factorization to (n, d) places.
+    """Return the map of a factorization to (n, d) places.
 
     Parameters
     ----------
     factors : FactorSource, optional
-        Where the compact levels' operators are found that a motion has made.
+        Source of the compact levels' operators that a motion has made.
     left_out : (r,) int64 array, optional
-        Places whose values do not count; their weights are zero.
+        Places whose values are not used; their weights are zero.
 
     Raises
     ------
@@ -71,7 +71,7 @@ def interpolation_map(
         return _OneScale(factorization, places)
     if isinstance(factorization, TwoScaleFactorization):
         return _TwoScales(
-            _Levels(factorization, MakeEachTime() if factors is None else factors),  # an empty cache is falsy
+            _Levels(factorization, MakeEachTime() if factors is None else factors),  # an empty cache counts as false
             places,
             np.empty(0, dtype=np.int64) if left_out is None else left_out,
         )
@@ -86,19 +86,19 @@ def interpolation_map(
 class FieldMap:
     """The coefficients of an interpolant, by a factorization without reduction.
 
-    Where another program evaluates the interpolant, it returns what the values there count for the coefficients.
+    Another program evaluates the interpolant, and returns the derivatives by the coefficients.
 
     Attributes
     ----------
     factors : FactorSource
-        Where the compact levels' operators are found that a motion has made.
+        Source of the compact levels' operators that a motion has made.
     """
 
     factorization: Factorization
     factors: FactorSource = field(default_factory=MakeEachTime)
 
     def interpolant(self, values: Floats) -> AnyInterpolant:
-        """Of (nc, k) values at the control points."""
+        """Return the interpolant of (nc, k) values at the control points."""
         made = self.factorization
         if not isinstance(made, TwoScaleFactorization):
             return made.solve(values)
@@ -107,14 +107,14 @@ class FieldMap:
         return TwoScaleInterpolant(coarse, levels, made.basis, 0)
 
     def transpose(self, coarse: Floats, levels: Sequence[Floats] = ()) -> Floats:
-        """(nc, k) what the values count for weights of the coefficients.
+        """The transpose: (nc, k) derivatives by the values, for weights of the coefficients.
 
         Parameters
         ----------
         coarse : (r, k) array
-            Of the spline, or of the first sum, its polynomial's behind.
+            Weights of the spline's coefficients, or of the first sum's, with its polynomial's at the end.
         levels : sequence of (n, k) arrays
-            Of the compact levels.
+            Weights of the compact levels' coefficients.
         """
         made = self.factorization
         if isinstance(made, AllCentreFactorization):
@@ -139,7 +139,7 @@ class FieldMap:
 
 @dataclass(frozen=True, eq=False)
 class _OneScale:
-    """All control points are centres."""
+    """The map when all control points are centres."""
 
     factorization: AllCentreFactorization
     places: Floats
@@ -166,7 +166,7 @@ class _OneScale:
 
 @dataclass(frozen=True, eq=False)
 class _Periodic:
-    """Each control point stands for its images; the components are those of vectors, which turn with them."""
+    """The map when each control point stands for its periodic images; vectors turn with them."""
 
     factorization: PeriodicFactorization
     places: Floats
@@ -185,7 +185,7 @@ class _Periodic:
 
 
 def _of_images(made: PeriodicFactorization, weights: Floats) -> Floats:
-    """(nc, k) what the values at the control points count for weights (i, k) of the images' coefficients."""
+    """(nc, k) derivatives by the values at the control points, for weights (i, k) of the images' coefficients."""
     images, sums = made.images, np.zeros((len(made.control_points), weights.shape[1]))
     if images.rotations is None:
         np.add.at(sums, images.owners, weights)
@@ -195,7 +195,7 @@ def _of_images(made: PeriodicFactorization, weights: Floats) -> Floats:
 
 
 class _PeriodicLevels:
-    """Each level takes what the one before leaves; none are at ``places`` where only its coefficients count."""
+    """Periodic levels: each interpolates the residual of the one before it. Without ``places``: only coefficients."""
 
     def __init__(self, factorization: PeriodicLevels, places: Floats | None = None) -> None:
         controls = factorization.control_points
@@ -215,14 +215,14 @@ class _PeriodicLevels:
         return self._transposed([there.transpose(weights) for there in self._there])
 
     def transpose_weights(self, weights: Sequence[Floats]) -> Floats:
-        """(nc, k) what the values count for weights (i, k) of each level's coefficients."""
+        """The transpose: (nc, k) derivatives by the values, for weights (i, k) of each level's coefficients."""
         return self._transposed(
             [_of_images(level, rows) for (_, level, _), rows in zip(self._levels, weights, strict=True)]
         )
 
     def _transposed(self, of_levels: Sequence[Floats]) -> Floats:
-        """(nc, k) for what each level's values (m, k) count."""
-        left = np.zeros((self._count, of_levels[0].shape[1]))  # what the residual before a level counts
+        """The transpose of the levels: (nc, k), from the derivatives by each level's values (m, k)."""
+        left = np.zeros((self._count, of_levels[0].shape[1]))  # the derivative by the residual before a level
         for (members, _, here), rows in zip(reversed(self._levels), reversed(of_levels), strict=True):
             left[members] += rows - here.transpose(left)
         return left
@@ -230,13 +230,13 @@ class _PeriodicLevels:
 
 @dataclass(frozen=True, eq=False)
 class _Levels:
-    """The coefficients of a coarse field, and of compact levels for what it leaves."""
+    """The coefficients of a coarse field, and of compact levels for its residual."""
 
     made: TwoScaleFactorization
     factors: FactorSource
 
     def solve(self, values: Floats) -> tuple[NestedSpline | Interpolant, list[Floats]]:
-        """The coarse field of (nc, k) values, and each level's weights (n, k)."""
+        """Solve for the coarse field of (nc, k) values, and for each level's weights (n, k)."""
         made = self.made
         mean = made.averaged(np.ascontiguousarray(values))
         coarse = made.coarse.solve(mean[made.plan.coarse])
@@ -250,22 +250,23 @@ class _Levels:
         return found, levels
 
     def transpose(self, levels: Sequence[Floats], of_coarse: Callable[[Floats], Floats], components: int) -> Floats:
-        """(nc, k) what the values count for weights (n, k) of each level's.
+        """The transpose: (nc, k) derivatives by the values, for weights (n, k) of each level's weights.
 
-        ``of_coarse`` says what the coarse sum's weights (m, k) count, given what its values at :attr:`distinct` count.
+        ``of_coarse`` returns the derivatives by the coarse sum's weights (m, k), from those by its values at
+        :attr:`distinct`.
         """
         made = self.made
-        left = np.zeros((len(self.distinct), components))  # what the residual before a level counts
+        left = np.zeros((len(self.distinct), components))  # the derivative by the residual before a level
         for (system, here), rows in reversed([*zip(self._systems, levels, strict=True)]):
             of_level = rows if here is None else rows - here.transpose(left, len(system.points))
             left[system.level.members] += system.exactly(of_level)
         mean = np.zeros((len(made.control_points), left.shape[1]))
         mean[made.plan.distinct] = left
-        mean[made.plan.coarse] += made.coarse.solve(of_coarse(-left)).weights  # of a compact basis: a symmetric matrix
-        return made.averaged(mean)  # a symmetric map
+        mean[made.plan.coarse] += made.coarse.solve(of_coarse(-left)).weights  # a symmetric matrix
+        return made.averaged(mean)  # the map is symmetric
 
     def of_spline(self, *weighted: tuple[Floats, Floats], of_coefficients: Floats | None = None) -> Floats:
-        """(m, k) what the coarse sum's weights count, for its spline: see :meth:`.NestedGrid.spline_transposed`."""
+        """(m, k) derivatives by the coarse sum's weights: see :meth:`.NestedGrid.spline_transposed`."""
         made, coarse = self.made, self.made.weightless.coarse
         assert made.grid is not None
         assert isinstance(coarse, Interpolant)
@@ -273,17 +274,17 @@ class _Levels:
         return on_grid_transposed(coarse, made.grid, counted)
 
     def coarse_sums(self, places: Floats) -> _OneScale:
-        """The coarse sum at places (n, d), where it is no spline."""
+        """The coarse sum at places (n, d), if it is no spline."""
         return _OneScale(self.made.coarse, places)
 
     @cached_property
     def distinct(self) -> Floats:
-        """(p, d) the control points, each place once."""
+        """(p, d) the control points, with one point for each place."""
         return self.made.control_points.take(self.made.plan.distinct, axis=0)
 
     @cached_property
     def _systems(self) -> list[tuple[CompactSystem, NearOperator | None]]:
-        """Each level with its operator at :attr:`distinct`, if another level takes what it leaves."""
+        """Each level with its operator at :attr:`distinct`, if a further level interpolates its residual."""
         above = replace(self.made.weightless, levels=self.made.weightless.levels[:-1])
         nowhere = np.empty(0, dtype=np.int64)
         here = prepared_for(above, self.distinct, self.factors, skipped=nowhere)
@@ -292,7 +293,7 @@ class _Levels:
 
 @dataclass(frozen=True, eq=False)
 class _TwoScales:
-    """A coarse field, and compact levels for what it leaves."""
+    """The map of a coarse field, and of compact levels for its residual."""
 
     levels: _Levels
     places: Floats
@@ -312,7 +313,7 @@ class _TwoScales:
         return self.levels.transpose(rows, lambda left: self._of_coarse(weights, left), weights.shape[1])
 
     def _of_coarse(self, weights: Floats, of_controls: Floats) -> Floats:
-        """(m, k) what the coarse sum's weights count for those of its values at the places and control points."""
+        """(m, k) derivatives by the coarse sum's weights, from those by its values at places and control points."""
         if self.levels.made.grid is None:
             here, there = self._coarse_sums
             return here.transpose_sums(weights) + there.transpose_sums(of_controls)

@@ -56,7 +56,7 @@ class Basis:
         "support", "shape" (a length scale without which the function is undefined or its matrix near-singular) or
         "free" (the interpolant does not depend on it).
     unusable : str
-        Why this row cannot be used; empty when it can.
+        Why this row cannot be used; empty if it can be used.
     """
 
     name: str

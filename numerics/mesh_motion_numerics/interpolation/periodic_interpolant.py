@@ -4,13 +4,13 @@ With the group of the periodic images x → R_k x + s_k, thesis (2.1) becomes
 
     s(x) = Σ_j Σ_k R_k γ_j φ(|x − R_k x_j − s_k|/R),
 
-which turns and repeats exactly as the domain does: s(R_k x + s_k) = R_k s(x). So the displacement is as smooth across a
-periodic side as anywhere else. The matrix has one unknown per control point (times d if images turn), is symmetric, and
-positive definite if the basis is. The support must be compact, so that finitely many images count: those that come
-closer than R to a point of evaluation.
+which turns and repeats exactly like the domain: s(R_k x + s_k) = R_k s(x). So the displacement is as smooth across a
+periodic side as in the interior. The matrix has one unknown per control point (times d if images turn), is symmetric,
+and positive definite if the basis is. The support must be compact, so that the number of images is finite: those that
+come closer than R to a point of evaluation.
 
-If control points are so close to each other or to an image that the matrix would be singular, narrower levels take
-them, as on other boundaries (:mod:`.two_scale.factorization`).
+If control points are so close to each other or to an image that the matrix would be singular, they are interpolated by
+narrower levels, as on other boundaries (:mod:`.two_scale.factorization`).
 """
 
 import hashlib
@@ -58,7 +58,7 @@ _SAME_PLACE = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class _Images:
-    """The images that count: the control point of each, its place, and the rotation of its weight.
+    """The images in use: the control point of each, its place, and the rotation of its weight.
 
     owners : (i,) int64 array
     places : (i, d) array
@@ -77,7 +77,7 @@ class PeriodicFactorization:
     Attributes
     ----------
     control_points : (nc, d) array, mesh length unit
-        One of each orbit.
+        One control point of each orbit.
     support_radius : float, mesh length unit
     """
 
@@ -97,7 +97,7 @@ class PeriodicFactorization:
         return self.system.nbytes + self.layout.coordinates.nbytes + 2 * self.images.places.nbytes
 
     def solve(self, values: Floats) -> Interpolant:
-        """Interpolant of (nc, d) values at the control points."""
+        """Return the interpolant of (nc, d) values at the control points."""
         values = np.asarray(values, dtype=np.float64)
         images = self.images
         if images.rotations is None:
@@ -111,12 +111,12 @@ class PeriodicFactorization:
 def periodic_factorization_of(
     control_points: Floats, generators: tuple[Transform, ...], box: Floats, method: Method, factors: FactorSource
 ) -> Factorization:
-    """The factorization of periodic control points.
+    """Return the factorization of periodic control points.
 
     Parameters
     ----------
     control_points : (nc, d) array, mesh length unit
-        One of each orbit.
+        One control point of each orbit.
     box : (2, d) array
         Least and largest coordinates of the points where the interpolant will be evaluated.
     """
@@ -153,14 +153,14 @@ def _factorize(control_points: Floats, generators: tuple[Transform, ...], box: F
 
 
 def _closest(images: _Images) -> float:
-    """Least distance of a control point from another one or an image of another one."""
+    """Smallest distance of a control point from another one, or from an image of another one."""
     tree, count = cKDTree(images.places), int(np.bincount(images.owners).max()) + 1
     distance, near = tree.query(images.places, k=min(count, len(images.owners)))
     return float(distance[images.owners[near] != images.owners[:, None]].min())
 
 
 def _separated(images: _Images, count: int, separation: float, first: Integers) -> Integers:
-    """Control points of ``count``, ascending, that are near no other one or its images; ``first`` (f,) come first."""
+    """Control points of ``count``, ascending, that are not near others or their images; ``first`` (f,) come first."""
     rank = np.empty(count, dtype=np.int64)
     rank[np.concatenate([first, np.setdiff1d(np.arange(count), first)])] = np.arange(count)
     near = cKDTree(images.places).query_pairs(separation, output_type="ndarray")
@@ -171,7 +171,7 @@ def _separated(images: _Images, count: int, separation: float, first: Integers) 
 
 
 def _level(points: Floats, images: _Images, basis: Basis, radius: float) -> PeriodicFactorization:
-    """The interpolation from all of some control points (nc, d)."""
+    """Return the interpolation from all of some control points (nc, d)."""
     layout = CentreLayout.build(images.places, basis, radius)
     order = points.size if images.rotations is not None else len(points)
     make = _sparse if order > _DENSE_ORDER else _dense
@@ -187,9 +187,9 @@ class PeriodicLevels:
     Attributes
     ----------
     control_points : (nc, d) array, mesh length unit
-        One of each orbit.
+        One control point of each orbit.
     levels : list of (members (m,), PeriodicFactorization)
-        The last has all control points.
+        The levels; the last one has all control points.
     """
 
     control_points: Floats
@@ -212,7 +212,7 @@ class PeriodicLevels:
         return sum(level.nbytes for _, level in self.levels)
 
     def solve(self, values: Floats) -> TwoScaleInterpolant:
-        """Interpolant of (nc, d) values at the control points."""
+        """Return the interpolant of (nc, d) values at the control points."""
         left, found = np.array(values, dtype=np.float64), []
         for members, level in self.levels:
             found.append(level.solve(left[members]))
@@ -221,7 +221,7 @@ class PeriodicLevels:
 
 
 def _near_images(points: Floats, generators: tuple[Transform, ...], box: Floats, radius: float) -> _Images:
-    """The images that come closer than the radius to the box; the control points (nc, d) themselves are the first."""
+    """The images closer to the box than the radius; the control points (nc, d) themselves come first."""
 
     def near(transform: Transform) -> Marks:
         places = transform(points)
@@ -278,7 +278,7 @@ def _dense(points: Floats, images: _Images, layout: CentreLayout, *, basis: Basi
 
 
 def _braces(points: Floats, images: _Images) -> dict[int, Floats]:
-    """A stiffness (d, d) for each control point on an axis, in the directions in which its images cancel."""
+    """A stiffness (d, d) for each control point on an axis, in the directions in which its images cancel each other."""
     if images.rotations is None:
         return {}
     here = np.flatnonzero(
@@ -299,7 +299,7 @@ def _sparse(points: Floats, images: _Images, layout: CentreLayout, *, basis: Bas
     nc, d = points.shape
     among = sparse_matrix(layout, basis, radius).tocoo()
     row, column = layout.order[among.row], layout.order[among.col]
-    kept = row < nc  # the control points themselves are the first images
+    kept = row < nc  # the first images are the control points themselves
     row, column, values = row[kept], column[kept], among.data[kept]
     owners = images.owners[column]
     if images.rotations is None:

@@ -5,22 +5,26 @@ The rule is ``R = 2.5 min(L, 20 B)``: L the longest side of the bounding box of 
 - 2.5 L makes the support global: in one large step the more robust choice (thesis Table 5.6, slab moved by
   (−0.2, −0.2) and rotated by 60°: minimum size −0.49 with R = 0.5 L, 0.03 with 2.5 L), and the radius of the global
   reference solutions in the literature.
-- A far field hundreds of bodies away adds nothing: what surrounds the body moves nearly as the body does in either
-  case. An aerofoil in a C-grid of 1000 chords, turned by 45° and moved by half a chord, keeps a skew of 0.90, 0.93,
+- A far field that is hundreds of body lengths away is not included: the surroundings of the body move nearly like the
+body in either case. An aerofoil in a C-grid of 1000 chords, turned by 45° and moved by half a chord, keeps a skew of
+0.90, 0.93,
   0.93, 0.94 and 0.92 of that at rest with R = 20, 50, 100, 500 and 2500 chords. The weights grow as (R/h)³, and with
-  them the rounding: past 50 B nothing is gained for it.
+  them the rounding errors: beyond 50 B there is no gain.
 
-Spacing does not bound it: what rounding forbids to one matrix, :mod:`.two_scale` does in two scales.
+The spacing does not limit the radius: if rounding forbids one matrix, :mod:`.two_scale` uses two scales.
 
 The enrichment radius is ``R_l = min(R, 2 H)``, H the largest distance of a node from its nearest control point: so 2 H
-is the diameter of the largest ball between the boundaries, about the range over which a wall's compensation lets an
-enrichment act. With R_l = R = 2.5 L, one enrichment point bends the whole field: the explicit iterations then reached
-0.42 of the best minimum quality over R_l on 11 motions that need them, and 0.93 with 2 H (docs/beyond.md, Defaults).
+is the diameter of the largest ball between the boundaries. This is about the range in which an enrichment can act in
+spite of the compensation at the walls. With R_l = R = 2.5 L, one enrichment point bends the whole field: on 11 motions
+that need them, the explicit iterations then reached 0.42 of the best minimum quality over all R_l, and 0.93 with 2 H
+(docs/beyond.md, Defaults).
 
-Both depend on the mesh and not on the motion: the factorization serves every coupling iteration and every step.
+Both radii depend on the mesh and not on the motion: every coupling iteration and every step uses the same
+factorization.
 
-What is best for one motion of a mesh is not for another: bodies that are pressed together and a body in a narrow
-channel want a radius near the width of the gap, which ruins large motions of the same bodies (docs/beyond.md).
+The best radius for one motion of a mesh is not the best for another: for bodies that are pressed together, or a body in
+a narrow channel, it is near the width of the gap, but with such a radius large motions of the same bodies fail
+(docs/beyond.md).
 """
 
 import numpy as np
@@ -33,8 +37,8 @@ from mesh_motion_numerics.mesh.roles import BoundaryRoles
 __all__ = ["suggest_enrichment_radius", "suggest_support_radius", "widest_ball"]
 
 _DOMAIN_LENGTHS, _BODIES = 2.5, 20.0
-_SAMPLE = 20_000  # nodes at which the largest ball is searched
-_EACH = 16  # of these every 16th is tested first
+_SAMPLE = 20_000  # number of nodes at which the largest ball is searched
+_EACH = 16  # every 16th of them is tested first
 _ROUNDING = 1e-9
 
 
@@ -63,7 +67,7 @@ def suggest_enrichment_radius(points: Floats, roles: BoundaryRoles, support_radi
     ----------
     points : (n, d) array, mesh length unit
     support_radius : float, mesh length unit
-        R: R_l is no larger, and equal to it where no node lies off the boundary.
+        R: R_l is not larger than R, and equal to R if all nodes are on the boundary.
 
     Returns
     -------
@@ -75,7 +79,7 @@ def suggest_enrichment_radius(points: Floats, roles: BoundaryRoles, support_radi
 
 
 def widest_ball(points: Floats, roles: BoundaryRoles) -> float:
-    """Diameter of the largest ball about a node (of a sample) without a control point; 0: all nodes are control points.
+    """Diameter of the largest ball around a node (of a sample) without a control point; 0 if all are control points.
 
     From one node to another the distance to the nearest control point grows by no more than their distance. So a node
     is skipped if that bound, from its neighbour in the sample, cannot give a larger ball.

@@ -1,14 +1,15 @@
-"""Detects a moved boundary that crosses itself: then no valid mesh exists, and none needs to be searched for.
+"""Detects a moved boundary that crosses itself: then no valid mesh exists, and no search for one is needed.
 
 Two facets cross if an edge of one goes through the other: its ends are strictly on both sides, and it passes strictly
-inside (signs of areas in 2D, of volumes in 3D) or, in 3D, through an edge: where opposite walls are meshed alike, edge
-meets edge. A quad is two triangles; as its diagonal is arbitrary, an edge must go through it with either diagonal.
+inside (signs of areas in 2D, of volumes in 3D) or, in 3D, through an edge, because the edges of opposite walls with
+equal meshes can meet. A quad is two triangles; as its diagonal is arbitrary, an edge must go through it with either
+diagonal.
 
 Two facets in one plane (one line in 2D) that overlap cross too if they face the same way: the cells behind both would
-fill the same place. Those that face each other do not: they are the sides of a baffle, or of an interface.
+fill the same place. Facets that face each other do not cross: they are the sides of a baffle, or of an interface.
 
-Facets that only touch, in an end, an edge or a face, may have crossed all the same, and their signs do not say it:
-:func:`touching_facets` finds them for a test that does. Facets that share a node are ignored.
+Facets that only touch, in a node, an edge or a face, may have crossed as well, but the signs do not show it:
+:func:`touching_facets` finds them for another test. Facets that share a node are ignored.
 
 Only facets near a moving one are tested: they are sorted into classes of about equal size, with a k-d tree each.
 
@@ -34,14 +35,14 @@ __all__ = ["BoundaryFacets", "NearFacets", "crossing_place", "near_facets", "str
 
 #: Below this share of the product of lengths, the sign of an area or a volume is not certain …
 _FLAT = 1e-12
-#: … nor if it changes with coordinates by so many of their roundings.
+#: … nor if it changes when coordinates change by this many of their roundings.
 _ROUNDINGS = 8.0 * np.finfo(float).eps
-#: Facets in one plane overlap if they do by more than this share of their size.
+#: Facets in one plane overlap if the overlap is more than this share of their size.
 _OVERLAP = 1e-9
 #: Directions of shifts that are parallel to no axis, and their length, relative to the mesh.
 _SHIFTS = np.array([(0.83, 0.31, 0.47), (-0.57, 0.53, 0.63), (-0.13, -0.77, 0.61)])
 _SHIFT = 1e-7
-#: So many pairs of facets are tested at once: each step of it takes longer to begin than for one of them.
+#: Number of pairs of facets that are tested at once: for a single pair, the overhead of each step would dominate.
 _TOGETHER = 1024
 _SIDES = {"line": ((0, 1),), "triangle": ((0, 1), (1, 2), (2, 0)), "quad": ((0, 1), (1, 2), (2, 3), (3, 0))}
 #: The triangles of a facet, for each choice of a diagonal.
@@ -59,7 +60,7 @@ class BoundaryFacets:
     Attributes
     ----------
     nodes : dict of (f, k) int64 arrays
-        By type of facet.
+        The facets by type.
     moving : (n,) bool array
         Nodes that move.
     """
@@ -69,7 +70,7 @@ class BoundaryFacets:
 
     @classmethod
     def build(cls, facets: Mapping[str, Integers], moving: Integers, fixed: Integers, count: int) -> BoundaryFacets:
-        """From the boundary facets of a mesh of ``count`` nodes, and its moving and fixed nodes; not in 1D."""
+        """Build it from the boundary facets of a mesh of ``count`` nodes, and its moving and fixed nodes; not in 1D."""
         moves, prescribed = np.zeros(count, dtype=bool), np.zeros(count, dtype=bool)
         moves[moving] = prescribed[moving] = prescribed[fixed] = True
         chosen = {name: nodes[prescribed[nodes].all(axis=1)] for name, nodes in facets.items() if name in _SIDES}
@@ -77,13 +78,13 @@ class BoundaryFacets:
 
 
 NearFacets = Sequence[tuple[str, Integers, str, Integers]]
-"""Pairs of near facets of two kinds, (p, k) and (p, l), that share no node; one of the two moves."""
+"""Pairs of near facets of two kinds, (p, k) and (p, l), without a common node; at least one facet of a pair moves."""
 
 
 def crossing_place(boundary: BoundaryFacets, points: Floats, near: NearFacets | None = None) -> Floats | None:
     """A place (d,) where the boundary crosses itself with the nodes at ``points`` (n, d), None if there is none.
 
-    ``near`` are the :func:`near_facets`, if they are known.
+    ``near``: the result of :func:`near_facets`, if it is known.
     """
     for kind, edges, other, faces in near_facets(boundary, points) if near is None else near:
         found = _covers(points, edges, faces) | _goes_through(points, edges, kind, faces, other)
@@ -94,8 +95,8 @@ def crossing_place(boundary: BoundaryFacets, points: Floats, near: NearFacets | 
 
 
 def straddling_place(boundary: BoundaryFacets, points: Floats, near: NearFacets | None = None) -> Floats | None:
-    """As :func:`crossing_place`, for facets that cross in their nodes: a place where they do so however the moving
-    nodes are shifted by next to nothing, together; None if a shift parts them, or if the crossing is not certain.
+    """The same as :func:`crossing_place` for facets that cross in their nodes: a place where they cross for every tiny
+    common shift of the moving nodes. None if a shift separates them, or if the crossing is not certain.
     """
     place, near = None, near_facets(boundary, points) if near is None else near
     for direction in np.vstack([_SHIFTS, -_SHIFTS])[:, : points.shape[1]] * _shift(points):
@@ -106,7 +107,7 @@ def straddling_place(boundary: BoundaryFacets, points: Floats, near: NearFacets 
 
 
 def touching_facets(boundary: BoundaryFacets, points: Floats, near: NearFacets | None = None) -> Integers:
-    """Facets (f, w), as :class:`.smooth_pieces.Piece` has them, that touch another one, and one of the two moves."""
+    """Facets (f, w), in the form of :class:`.smooth_pieces.Piece`, that touch another one, if one of the two moves."""
     width = 2 if points.shape[1] == 2 else 4
     rows = [np.empty((0, width), dtype=np.int64)]
     for kind, edges, other, faces in near_facets(boundary, points) if near is None else near:
@@ -126,17 +127,17 @@ def near_facets(boundary: BoundaryFacets, points: Floats) -> NearFacets:
             apart = ~(ones[:, :, None] == near[:, None, :]).any(axis=(1, 2))
             ones, near = ones[apart], near[apart]
             if len(ones):
-                found += [(kind, ones, other, near), (other, near, kind, ones)]  # edges of either through the other
+                found += [(kind, ones, other, near), (other, near, kind, ones)]  # edges of each facet through the other
     return found
 
 
 def _shift(points: Floats) -> float:
-    """Length of a shift that is next to nothing."""
+    """Length of a tiny shift."""
     return _SHIFT * float(np.ptp(bounding_box(points), axis=0).max())
 
 
 def _rounding(points: Floats) -> float:
-    """What rounding may change in coordinates."""
+    """Largest effect of rounding on coordinates."""
     return _ROUNDINGS * float(np.abs(bounding_box(points)).max())
 
 
@@ -194,7 +195,7 @@ def _covers(points: Floats, ones: Integers, others: Integers) -> Marks:
 
 
 def _axes(a: Floats, b: Floats, normals: Floats) -> Iterator[Floats]:
-    """Unit vectors (p, d) in the planes of facets (p, k, d) and (p, l, d): one separates those that are apart."""
+    """Unit vectors (p, d) in the planes of facets (p, k, d) and (p, l, d); one separates facets that are apart."""
     if normals.shape[1] == 2:
         yield np.column_stack([-normals[:, 1], normals[:, 0]])
         return
@@ -207,7 +208,7 @@ def _axes(a: Floats, b: Floats, normals: Floats) -> Iterator[Floats]:
 def _goes_through(
     points: Floats, ones: Integers, kind: str, faces: Integers, other: str, *, touches: bool = False
 ) -> Marks:
-    """Whether a side of facets (p, k) goes through facets (p, l) with either diagonal; or may touch with one."""
+    """Whether a side of facets (p, k) goes through facets (p, l) with both diagonals; or may touch them with one."""
     sides, splits, rounding = np.array(_SIDES[kind]), np.array(_SPLITS[other]), _rounding(points)
     found = [np.empty(0, dtype=bool)]
     for begin in range(0, len(ones), _TOGETHER):
@@ -238,7 +239,7 @@ def _pierces(ends: Floats, simplices: Floats, rounding: float, *, touches: bool)
         ]
     )
     certain = np.count_nonzero(inside, axis=0)
-    least = 0 if touches else 2  # one 0 of a triangle: through its edge
+    least = 0 if touches else 2  # one 0 for a triangle: through its edge
     through[through] = (np.abs(inside.sum(axis=0)) == certain) & (certain >= least)
     return through
 

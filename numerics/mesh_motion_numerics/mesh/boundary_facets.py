@@ -27,8 +27,8 @@ def boundary_facets(cells: CellTable) -> dict[str, Integers]:
     Returns
     -------
     dict of (f, k) int64 arrays
-        By facet type: ``vertex`` (1D), ``line`` (2D), ``triangle`` and ``quad`` (3D); types without a facet are left
-        out. Node order as in :data:`LOCAL_FACETS`, hence pointing outwards; rows in the order of the cells.
+        The facets by type: ``vertex`` (1D), ``line`` (2D), ``triangle`` and ``quad`` (3D); types without a facet are
+        left out. Node order as in :data:`LOCAL_FACETS`, hence with outward normals; rows in the order of the cells.
 
     Raises
     ------

@@ -6,8 +6,8 @@ not at an arc. Sharp edges, whose mitre is far away, are cut at √d thicknesses
 
 Near other boundaries the layer is thinner: its nodes are no farther from the wall than half their distance to a
 periodic side, another body or a wall at rest. So a third of a gap between two walls stays free to deform. A wall on
-which nodes slide counts only where it faces the body. If the body stands on such a wall, the layer's nodes on it are
-put back onto it.
+which nodes slide limits the layer only where it faces the body. If the body stands on such a wall, the layer's nodes on
+this wall are put back onto it.
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ __all__ = ["LayerNodes", "furthest", "layer_nodes"]
 
 
 _SHARE = 0.5  # a layer may reach this share of the distance to another boundary
-_FACING = -0.8  # cosine between the directions to the wall and to a sliding wall: on opposite sides, within 37°
-_ROUNDING = 1e-6  # share of the thickness: so that the layer's outermost nodes belong to it
+_FACING = -0.8  # cosine between the directions to the wall and to a sliding wall: opposite sides, within 37°
+_ROUNDING = 1e-6  # added share of the thickness, so that the layer's outermost nodes belong to it
 
 
 class LayerNodes(NamedTuple):
-    """Nodes (l,), ascending, the places of the wall to which they are tied, and their offsets (l, d) from there."""
+    """Nodes (l,), ascending, the places of the wall to which they are tied, and their offsets (l, d) from these."""
 
     nodes: Integers
     places: WallPlaces
@@ -60,7 +60,7 @@ def layer_nodes(
     points : (n, d) array, mesh length unit
         Reference coordinates.
     cells : CellTable
-        At least those with a node within the thickness, times √d, of the wall.
+        At least the cells with a node within √d thicknesses of the wall.
     facets : mapping of type to (f, k) array
         The whole boundary.
     thickness : float, mesh length unit
@@ -127,7 +127,7 @@ def _crowded(
     found: LayerNodes,
     own: Integers,
 ) -> Marks:
-    """(l,) nodes too near to another boundary; ``own`` (l,) is the facet of the wall nearest to each."""
+    """(l,) nodes too near to another boundary; ``own`` (l,) is the nearest facet of the wall for each node."""
     boundary = simplices_of(facets)
     walls = np.zeros(len(points), dtype=bool)
     walls[wall.nodes] = True

@@ -34,8 +34,8 @@ from mesh_motion_numerics.mesh.roles import BoundaryRoles, Patch
 __all__ = ["MovingWall", "WallPlaces", "angles_at_corners", "facet_frames", "least_rotation", "simplices_of"]
 
 
-_OPPOSITE = 1e-6  # 1 + cosine: directions nearer to opposite have no least rotation
-_ON_CORNER = 1e-9  # share of a facet's corner below which a place does not touch it
+_OPPOSITE = 1e-6  # 1 + cosine below which directions are opposite, so that they have no least rotation
+_ON_CORNER = 1e-9  # share of a facet's corner below which a place does not touch the corner
 
 
 class WallPlaces(NamedTuple):
@@ -97,7 +97,7 @@ class MovingWall:
 
     @classmethod
     def of_patches(cls, points: Floats, facets: Mapping[str, Integers], patches: Mapping[str, Patch]) -> Self | None:
-        """Those on the boundary's ``facets`` (f, k) of a mesh (n, d); None without any, and in 1D."""
+        """Build the walls on the ``patches`` of a mesh (n, d) with boundary ``facets``; None without any, and in 1D."""
         if points.shape[1] < 2:
             return None
         roles = BoundaryRoles.from_patches(patches)
@@ -163,7 +163,7 @@ def angles_at_corners(corners: Floats) -> Floats:
 
 
 def least_rotation(a: Floats, b: Floats) -> Floats:
-    """(w, d, d) least rotations from the directions of a to those of b (w, d); no rotation where they cancel out."""
+    """(w, d, d) least rotations from the directions of a to those of b (w, d); the identity where they cancel out."""
     length = np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1)
     cosine = np.sum(a * b, axis=1)
     clear = length + cosine > _OPPOSITE * length

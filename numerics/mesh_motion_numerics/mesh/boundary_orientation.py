@@ -1,9 +1,9 @@
 """Detects a closed part of the boundary that is turned inside out: it crosses nothing, yet no valid mesh exists.
 
-Cells with positive corners may still fill it by going twice round some node: the mesh then overlaps itself. The volume
-inside a closed surface is V = 1/d ∮ x · n dA (the divergence theorem). With normals that point out of the mesh it is
-positive for an outer boundary and negative for a hole, and keeps its sign as long as the mesh is valid. The two sides
-of a baffle are a hole without volume; when they separate, V becomes negative.
+Cells with positive corners may still fill such a part if they go twice round a node: the mesh then overlaps itself. The
+volume inside a closed surface is V = 1/d ∮ x · n dA (the divergence theorem). With normals that point out of the mesh
+it is positive for an outer boundary and negative for a hole, and keeps its sign as long as the mesh is valid. The two
+sides of a baffle are a hole without volume; when they separate, V becomes negative.
 """
 
 from collections.abc import Mapping
@@ -85,7 +85,7 @@ def _signs(parts: Integers, contributions: Floats) -> Floats:
 
 
 def _contributions(places: Floats, rows: Integers) -> Floats:
-    """(f,) x · n dA / d of each facet, x from the middle of the domain to reduce rounding."""
+    """(f,) x · n dA / d of each facet, with x from the middle of the domain to reduce rounding."""
     used, numbers = np.unique(np.maximum(rows, 0), return_inverse=True)
     numbers = np.where(rows < 0, -1, numbers.reshape(rows.shape))
     centred = places[used]

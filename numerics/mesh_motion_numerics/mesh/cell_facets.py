@@ -30,9 +30,9 @@ class CellFacets:
     ----------
     nodes : (f, 4) array
         Anticlockwise seen from outside their first cell; filled up with -1. First the facets between two cells, ordered
-        by first and second cell, then those of the boundary, in the order of the cells.
+        by first and second cell, then the boundary facets, in the order of the cells.
     owner : (f,) array
-        Their first cell.
+        The first cell of each facet.
     neighbour : (i,) array
         The second cell of the facets between two cells.
     """

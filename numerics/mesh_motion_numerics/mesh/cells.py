@@ -3,8 +3,8 @@
 Every quality metric and predictor works on *corner simplices*: a corner k of a cell with the nodes (k, a, b[, c]) has
 the Jacobian ``A_k`` whose columns are the edges ``x_a - x_k, x_b - x_k[, x_c - x_k]``; ``det A_k > 0`` in a valid
 cell. A simplex needs one corner, since all of its corners have the same determinant. In the thesis the Jacobian is
-(3.5), of a triangle (3.15)–(3.17), a quad (3.23), a tetrahedron (3.25), a hexahedron (3.29), for which Table 2.4 is
-right.
+(3.5); for a triangle (3.15)–(3.17), a quad (3.23), a tetrahedron (3.25), a hexahedron (3.29), for which Table 2.4 is
+correct.
 
 Node order is VTK's, except that a wedge's corners are listed so that the *volume* is positive for the order of Gmsh,
 SU2 and CGNS (first triangle seen anticlockwise from the second one).
@@ -138,7 +138,7 @@ class CellBlock:
     Attributes
     ----------
     nodes : (m, n_nodes) int32 array
-        Node indices, 0-based. Every judgement of a mesh reads them all: so they are short.
+        Node indices, 0-based; 32 bits, because every judgement of a mesh reads all of them.
     """
 
     type: CellType

@@ -45,17 +45,19 @@ class FacetSet:
         return np.ascontiguousarray(places[:, : self._dimension]), facets
 
     def smooth(self, points: Floats, directions: Floats) -> Floats:
-        """(n, d) points of the facets that change continuously with the (n, d) points, where the nearest ones jump.
+        """(n, d) points of the facets that change continuously with the (n, d) points, while the nearest ones jump.
 
-        Each is where a normal leads that is interpolated between a facet's corners (Phong projection: D. Panozzo et
-        al., Weighted averages on surfaces, ACM Trans. Graph. 32(4), 2013); the nearest one where no normal does.
+        Each is the point from which a normal that is interpolated between a facet's corners leads to the given point
+        (Phong projection: D. Panozzo et al., Weighted averages on surfaces, ACM Trans. Graph. 32(4), 2013); the nearest
+        point if there is no such normal.
 
         Parameters
         ----------
         directions : (f, 2 or 3, d) array
-            At each corner: a segment's tangent, in the segment's direction; a triangle's normal. Of any length.
+            At each corner: a segment's tangent, in the segment's direction; a triangle's normal. They may have any
+            length.
         """
-        # the facet that a normal leads to shares a corner with the nearest one, or nearly so
+        # the facet of the normal shares a corner with the nearest facet, or nearly so
         out, facets, lists = self._searched(points, 3.0 * self._reach)
         if len(points):
             along = padded(directions.reshape(-1, self._dimension)).reshape(self._corners.shape)
@@ -69,7 +71,7 @@ class FacetSet:
         return rows, np.concatenate([np.empty(0, dtype=np.int64), *lists]).astype(np.int64)
 
     def _searched(self, points: Floats, reach: float) -> tuple[Floats, Integers, tuple[Integers, Integers]]:
-        """The nearest points (n, 3), their facets (n,), and the facets about them, as the kernels take lists."""
+        """The nearest points (n, 3), their facets (n,), and the facets around them as the kernels' lists."""
         places, facets = padded(points), np.zeros(len(points), dtype=np.int64)
         out, starts = places.copy(), np.zeros(len(points) + 1, dtype=np.int64)
         if not len(points):
@@ -85,8 +87,8 @@ class FacetSet:
 def nearest_within(corners: Floats, points: Floats, distance: float) -> tuple[Floats, Integers]:
     """The nearest facets within a distance, for facets of very different sizes.
 
-    The search radius grows with the largest facet: with facets of a far field it would cover everything. So facets are
-    searched by octaves of their radius.
+    The search radius grows with the largest facet: with facets of a far field it would cover the whole mesh. So facets
+    are searched by octaves of their radius.
 
     Parameters
     ----------
@@ -117,7 +119,7 @@ def nearest_within(corners: Floats, points: Floats, distance: float) -> tuple[Fl
 
 
 def are_within(corners: Floats, points: Floats, distance: float) -> NDArray[np.bool_]:
-    """(n,) whether points (n, d) are within a distance of facets (f, 2 or 3, d), of sizes as different as they like."""
+    """(n,) whether points (n, d) are within a distance of facets (f, 2 or 3, d) of any sizes."""
     near, (facets, width, d) = np.zeros(len(points), dtype=bool), corners.shape
     spatial = padded(corners.reshape(-1, d)).reshape(facets, width, 3)
     kernels.points_near_facets(padded(points), spatial, distance, near)

@@ -1,4 +1,4 @@
-"""Points at the same place: duplicate nodes of a wake, of the two sides of an interface or of a baffle."""
+"""Points at the same place: duplicate nodes of a wake, or of the two sides of an interface or a baffle."""
 
 from __future__ import annotations
 
@@ -55,14 +55,14 @@ def first_at_place(points: Floats, extent: float, tolerance: float = _SAME_PLACE
 
 
 def coincident_nodes(points: Floats, nodes: Integers) -> Integers:
-    """(c, 2) pairs of the nodes (b,), ascending, of a mesh ``points`` (n, d): the first at a place, and another."""
+    """(c, 2) pairs of the nodes (b,), ascending, at one place of ``points`` (n, d): the first one, and another one."""
     first = nodes[first_at_place(points[nodes], float(np.ptp(bounding_box(points), axis=0).max()))]
     others = first != nodes
     return np.column_stack([first[others], nodes[others]])
 
 
 def met_nodes(reference: Floats, points: Floats, nodes: Integers) -> Integers:
-    """(c, 2) pairs of the nodes (b,), ascending, at one place of ``points`` (n, d), not of the ``reference`` (n, d)."""
+    """(c, 2) pairs of the nodes (b,), ascending, at one place in ``points`` (n, d), but not in ``reference`` (n, d)."""
     extent = float(np.ptp(bounding_box(reference), axis=0).max())
     first = nodes[first_at_place(points[nodes], extent)]
     apart = np.abs(reference[first] - reference[nodes]).max(axis=1) > _SAME_PLACE * extent
@@ -96,7 +96,7 @@ class CoincidentSides:
 
     @classmethod
     def build(cls, pairs: Integers, facets: Mapping[str, Integers], known: Marks) -> CoincidentSides:
-        """From pairs (c, 2) of :func:`coincident_nodes`, boundary facets by type, and nodes (n,) with known places."""
+        """Build them from pairs (c, 2) of coincident nodes, boundary facets, and nodes (n,) with known places."""
         alone = np.bincount(pairs[:, 0], minlength=len(known))[pairs[:, 0]] == 1
         pairs = pairs[alone & known[pairs].all(axis=1)]
         if not len(pairs) or "vertex" in facets:

@@ -1,4 +1,4 @@
-"""Finite-volume measures of a mesh: non-orthogonality, skewness and volume ratios of its faces, and what shrank most.
+"""Finite-volume measures of a mesh: non-orthogonality, skewness and volume ratios of faces, and the largest shrinkage.
 
 The definitions are exactly those of OpenFOAM, so the numbers are those that its ``checkMesh`` prints:
 
@@ -9,9 +9,10 @@ skewness            distance of the face's centre from the point where d meets t
 volume ratio        min(V_o, V_n) / max(V_o, V_n) of a face's two cells; negative next to an inverted one
 ==================  ==================================================================================================
 
-A face's centre and area are those of its triangles around the mean of its nodes, a cell's centre and volume those of
-its pyramids around the mean of its faces' centres. A plane mesh is treated as one cell thick; its edges are faces.
-Edges and faces are compared with themselves at rest: neither angles nor ratios of volumes show a cell that is squeezed.
+A face's centre and area are sums over its triangles around the mean of its nodes; a cell's centre and volume are sums
+over its pyramids around the mean of its faces' centres. A plane mesh is treated as one cell thick; its edges are faces.
+Edges and faces are also compared with their state at rest, because neither angles nor ratios of volumes show a squeezed
+cell.
 
 References
 ----------
@@ -49,7 +50,7 @@ Ints = NDArray[np.integer[Any]]
 _BLOCK = 1 << 16
 #: OpenFOAM's VSMALL and its root, which keep quotients finite.
 _TINY, _ROOT_TINY = 1e-300, 1e-150
-#: Number of worst faces that are named.
+#: Number of worst faces that are reported.
 _WORST = 10
 _EXTRUDED = {"triangle": "wedge", "quad": "hexahedron"}
 
@@ -89,11 +90,11 @@ class FaceMeasures:
     faces_above_65, faces_above_75 : int
         Faces with a non-orthogonality above that many degrees.
     max_skewness : float
-        Faces of the boundary included.
+        Includes faces of the boundary.
     min_volume_ratio : float
-        Of two cells with a common face; 1: equally large, negative: one of them is inverted.
+        Ratio of two cells with a common face; 1: equal volumes, negative: one of them is inverted.
     shortest_edge, smallest_face : float
-        Least length of an edge and area of a face, over its length and area at rest; in a plane an edge is a face.
+        Smallest length of an edge and area of a face, divided by the value at rest; in 2D an edge is a face.
     worst : tuple of WorstFace
         The least orthogonal first; at most ten.
     """
@@ -115,7 +116,7 @@ class FaceMeasures:
 
 @dataclass(frozen=True, eq=False)
 class _Solid:
-    """Cells in space and their facets; for a plane mesh the layer of cells."""
+    """3D cells and their facets; for a 2D mesh the layer of cells."""
 
     cells: CellTable
     facets: CellFacets
@@ -157,7 +158,7 @@ def face_measures(
 
 
 def cell_values(points: NDArray[np.floating], cells: CellTable, metric: str) -> Floats:
-    """The largest non-orthogonality, degrees, or skewness of the faces of each cell (m,); parameters as above, not 1D.
+    """The largest non-orthogonality (degrees) or skewness of each cell's faces (m,); parameters as above, not in 1D.
 
     Parameters
     ----------
@@ -173,7 +174,7 @@ def cell_values(points: NDArray[np.floating], cells: CellTable, metric: str) -> 
 
 
 def _faces(points: NDArray[np.floating], cells: CellTable) -> tuple[Floats, CellFacets, tuple[Floats, Floats, float]]:
-    """Positions in space, faces, and what is measured of them."""
+    """Faces with their positions in 3D, and the measured values."""
     plane = cells.dimension == 2
     solid = _KEPT.get(cells)
     if solid is None:
@@ -184,7 +185,7 @@ def _faces(points: NDArray[np.floating], cells: CellTable) -> tuple[Floats, Cell
 
 
 def _measured(points: Floats, facets: CellFacets, centres: Floats, volumes: Floats) -> tuple[Floats, Floats, float]:
-    """Angle (i,), degrees, of each face between two cells; skewness (f,) of all faces; the least volume ratio."""
+    """Angle (i,), degrees, of each face between two cells; skewness (f,) of all faces; the smallest volume ratio."""
     inner = len(facets.neighbour)
     angles, skewness, ratio = np.empty(inner), np.empty(len(facets.owner)), 1.0
     for rows in _blocks(inner):
@@ -198,7 +199,7 @@ def _measured(points: Floats, facets: CellFacets, centres: Floats, volumes: Floa
             reach = middle - centres[owner[chosen]]
             skewness[rows.start + chosen] = _skewness(reach, d, area, corners - middle[:, None], least=0.2)
         sizes = np.stack([volumes[owner], volumes[neighbour]])
-        with np.errstate(over="ignore"):  # next to a cell without volume
+        with np.errstate(over="ignore"):  # next to a cell of zero volume
             ratio = min(ratio, float((sizes.min(axis=0) / (sizes.max(axis=0) + _TINY)).min()))
     for rows in _blocks(len(facets.owner), inner):
         owner = facets.owner[rows]
@@ -212,7 +213,7 @@ def _measured(points: Floats, facets: CellFacets, centres: Floats, volumes: Floa
 
 
 def _shrunk(points: Floats, rest: Floats, cells: CellTable, facets: CellFacets) -> tuple[float, float]:
-    """Least length of an edge and area of a face as shares of those at rest; in a plane both are of an edge."""
+    """Smallest edge length and face area relative to rest; in 2D both are those of an edge."""
     edge = face = np.inf
     for nodes in _polygons(cells, facets):
         now, before = points[nodes], rest[nodes]
@@ -223,7 +224,7 @@ def _shrunk(points: Floats, rest: Floats, cells: CellTable, facets: CellFacets) 
 
 
 def _polygons(cells: CellTable, facets: CellFacets) -> Iterator[Ints]:
-    """Nodes (f, k) of the faces in space, of the cells in a plane; in batches of equally many corners."""
+    """Nodes (f, k) of the faces in 3D, of the cells in 2D; in batches with equal numbers of corners."""
     for table in [block.nodes for block in cells] if cells.dimension == 2 else [facets.nodes]:
         for rows in _blocks(len(table)):
             triangles = table[rows, -1] < 0
@@ -231,13 +232,13 @@ def _polygons(cells: CellTable, facets: CellFacets) -> Iterator[Ints]:
 
 
 def _least_share(now: Floats, before: Floats) -> float:
-    """The least of ``now`` over ``before``; what has no extent at rest is left out."""
+    """The smallest ratio of ``now`` to ``before``; items without extent at rest are left out."""
     real = before > 0.0
     return float((now[real] / before[real]).min(initial=np.inf))
 
 
 def _skewness(reach: Floats, d: Floats, area: Floats, spokes: Floats, *, least: float) -> Floats:
-    """Skewness (f,) of faces: their centre is at ``reach`` (f, 3) from the owner's centre, and their nodes at
+    """Skewness (f,) of faces: the centre of a face is at ``reach`` (f, 3) from the owner's centre, and its nodes at
     ``spokes`` (f, k, 3) from the face's centre; ``least``: smallest extent of a face as a share of |d|.
     """
     skew = reach - (_dot(area, reach) / (_dot(area, d) + _ROOT_TINY))[:, None] * d
@@ -319,7 +320,7 @@ def _length(vectors: Floats) -> Floats:
 
 
 def extruded_cells(cells: CellTable, count: int) -> CellTable:
-    """Triangles and quads as wedges and hexahedra, in the same order; node i of ``count`` is i + ``count`` above."""
+    """Return triangles and quads as wedges and hexahedra, in the same order; above node i is node i + ``count``."""
     return CellTable(
         tuple(
             CellBlock(CELL_TYPES[_EXTRUDED[block.type.name]], np.hstack([block.nodes, block.nodes + count]))

@@ -1,8 +1,8 @@
-"""Refuses cells that do not fit: nodes that hang on a facet of a cell that does not have them, and quads on triangles.
+"""Refuses cells that do not fit together: nodes that hang on a facet of another cell, and quads next to triangles.
 
-Interpolation moves a hanging node without its facet: a gap opens or cells overlap, and no cell is judged by it. So it
-is between a quad and two triangles as soon as the corners leave one plane. Nodes in patches are spared: the sides of an
-interface of two meshes that do not match have given displacements.
+Interpolation moves a hanging node without its facet: a gap opens or cells overlap, and the quality of no cell shows it.
+The same happens between a quad and two triangles if their corners leave the common plane. Nodes in patches are allowed:
+the sides of an interface between two non-matching meshes have given displacements.
 """
 
 import mesh_motion_kernels as kernels
@@ -17,7 +17,8 @@ from mesh_motion_numerics.mesh.points import padded
 
 __all__ = ["refuse_hanging_nodes", "refuse_split_facets"]
 
-#: As shares of the facet's radius: a node so near is on it; one so near to a corner is at the same place.
+#: Distances as shares of the facet's radius: a node this near is on the facet; a node this near to a corner is at its
+#: place.
 _ON, _AT_A_CORNER = 1e-6, 1e-3
 
 
@@ -82,7 +83,7 @@ def refuse_split_facets(cells: CellTable, floating: Integers) -> None:
 
 
 def _on_facets(points: Floats, facets: Integers, nodes: Integers) -> list[tuple[int, Integers]]:
-    """Each of the nodes (k,) that lies on one of the facets (f, w) without being its corner, with that facet."""
+    """Each node of (k,) that lies on one of the facets (f, w) without being its corner, with that facet."""
     corners = points[facets]
     centres = corners.mean(axis=1)
     radius = np.linalg.norm(corners - centres[:, None], axis=2).max(axis=1)
@@ -98,7 +99,7 @@ def _on_facets(points: Floats, facets: Integers, nodes: Integers) -> list[tuple[
 
 
 def _simplices(facets: Integers) -> list[Integers]:
-    """The facets themselves, or the two triangles of each quad."""
+    """The facets, with each quad as two triangles."""
     return [facets] if facets.shape[1] < 4 else [facets[:, [0, 1, 2]], facets[:, [0, 2, 3]]]
 
 

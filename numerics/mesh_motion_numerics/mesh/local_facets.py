@@ -2,7 +2,7 @@
 
 __all__ = ["FACET_NAMES", "LOCAL_FACETS"]
 
-#: The type of a facet by its number of nodes.
+#: The type of a facet, by its number of nodes.
 FACET_NAMES = {1: "vertex", 2: "line", 3: "triangle", 4: "quad"}
 
 #: Local node numbers of each cell type's facets, seen anticlockwise from outside (an edge has its cell on the left).

@@ -1,7 +1,7 @@
 """A plane problem in three dimensions: one layer of hexahedra and wedges between two parallel planes.
 
 Solvers without cells in the plane (code_saturne, Fluent, CalculiX, OpenFOAM) have such meshes. The faces on one of the
-planes are the cells of the plane, each node of the other plane belongs to the node that it shares an edge with.
+planes are the cells of the 2D problem; each node of the other plane belongs to the node with which it shares an edge.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from mesh_motion_numerics.mesh.smooth_pieces import area_vectors, widened
 
 __all__ = ["OneLayer"]
 
-#: The face in the plane of each type of cell in space.
+#: The face in the plane, for each type of 3D cell.
 _FACES = {"hexahedron": "quad", "wedge": "triangle"}
 #: Nodes are this close to their plane and their partner's place, as a share of the layer's height and of the extent.
 _FLAT, _OPPOSITE = 1e-4, 1e-9
@@ -35,11 +35,11 @@ class OneLayer:
     axes : (2, 3) array
         Orthonormal directions of the plane; the second is to the left of the first, seen from the front.
     front : (n,) int64 array
-        The node in front of each node: itself in front, the node that it shares an edge with behind.
+        The front node of each node: a front node itself; for a back node, the node with which it shares an edge.
     cells : CellTable
-        Triangles and quads of nodes in front, with the numbers of the cells in space.
+        Triangles and quads of front nodes, numbered like the 3D cells.
     patches : dict of str to Patch
-        Their nodes in front; of a patch of the two planes those of its sides that no other patch has.
+        Front nodes of each patch; for a patch on the two planes, the nodes on its sides that no other patch has.
     """
 
     axes: Floats
@@ -49,9 +49,9 @@ class OneLayer:
 
     @classmethod
     def find(cls, points: Floats, cells: CellTable, patches: Mapping[str, Patch]) -> OneLayer | None:
-        """The plane of a mesh; None if it is not one layer between planes that slide, or that are both fixed.
+        """Find the plane of a mesh; None if it is not one layer between planes that slide, or are both fixed.
 
-        With fixed planes no node of the mesh could move but those of the moving patches.
+        With fixed planes only nodes of the moving patches could move.
 
         Parameters
         ----------
@@ -59,7 +59,7 @@ class OneLayer:
         cells : CellTable
             In one orientation.
         patches : mapping of name to Patch
-            Checked. The patches of the planes have all of their nodes, also those of other patches.
+            Checked patches. The patches of the planes have all nodes of their plane, including those of other patches.
         """
         roles = next((roles for roles in (SLIDING_ROLES, ("fixed",)) if _all_in(points, patches, roles)), None)
         if roles is None or not {block.type.name for block in cells} <= set(_FACES):
@@ -88,7 +88,7 @@ class OneLayer:
         patches: Mapping[str, Patch],
         planes: dict[str, Integers] | None,
     ) -> OneLayer | None:
-        """The plane with these faces, if its nodes are opposite and its two ``planes`` are whole."""
+        """Make the plane with these faces, if its nodes are opposite each other and its two ``planes`` are complete."""
         if front is None:
             return None
         apart = np.abs((points - points[front]) @ axes.T).max()
@@ -105,12 +105,12 @@ class OneLayer:
         return np.column_stack([_along(points, axis) for axis in self.axes])
 
     def moved(self, points: Floats, before: Floats, after: Floats) -> Floats:
-        """``points`` (n, 3) with the displacement of the node in front from ``before`` to ``after`` (n, 2)."""
+        """``points`` (n, 3) plus the displacement of the front nodes from ``before`` to ``after`` (n, 2)."""
         moved = points.copy()
         for column, axis in enumerate(self.axes):
             if np.count_nonzero(axis) == 1:
                 along = int(np.argmax(axis))
-                in_place = points[:, along] == before[:, column]  # bitwise the plane's own
+                in_place = points[:, along] == before[:, column]  # bitwise equal to the plane's own
                 stepped = points[:, along] + (after - before)[:, column]
                 moved[:, along] = np.where(in_place, after[:, column], stepped)
             else:
@@ -124,8 +124,8 @@ def _all_in(points: Floats, patches: Mapping[str, Patch], roles: tuple[str, ...]
 
 
 def _normals(points: Floats, cells: CellTable) -> Iterator[Floats]:
-    """Directions across the layer that are possible: the normals of the faces of a cell that have an opposite one."""
-    block = cells.blocks[-1]  # wedges come last, and have one such direction
+    """Possible directions across the layer: normals of the faces of a cell that has an opposite face."""
+    block = cells.blocks[-1]  # wedges come last, and have only one such direction
     facets = LOCAL_FACETS[block.type.name]
     opposite = [(0, 1)] if block.type.name == "wedge" else [(0, 1), (2, 4), (3, 5)]
     for one, other in opposite:
@@ -141,7 +141,7 @@ def _normals(points: Floats, cells: CellTable) -> Iterator[Floats]:
 
 
 def _axes(normal: Floats) -> Floats:
-    """(2, 3) directions of the plane with this normal: of a coordinate plane the next two coordinates."""
+    """(2, 3) directions of the plane with this normal: for a coordinate plane the next two coordinates."""
     along = int(np.argmax(np.abs(normal)))
     if np.count_nonzero(normal) == 1:
         return np.eye(3)[[(along + 1) % 3, (along + 2) % 3]]
@@ -151,12 +151,12 @@ def _axes(normal: Floats) -> Floats:
 
 
 def _along(points: Floats, axis: Floats) -> Floats:
-    """(n,) coordinates along a direction; along a coordinate bitwise that."""
+    """(n,) coordinates along a direction; along a coordinate axis bitwise equal to the coordinate."""
     return points[:, int(np.argmax(axis))] if np.count_nonzero(axis) == 1 else points @ axis
 
 
 def _faces(cells: CellTable, in_front: Marks) -> CellTable | None:
-    """The face in front of each cell, in the cells' order; None if a cell has no such face."""
+    """The front face of each cell, in the order of the cells; None if a cell has no such face."""
     blocks = []
     for block in cells:
         kind = CELL_TYPES[_FACES[block.type.name]]
@@ -173,7 +173,7 @@ def _faces(cells: CellTable, in_front: Marks) -> CellTable | None:
 
 
 def _partners(cells: CellTable, in_front: Marks) -> Integers | None:
-    """(n,) the node in front of each node, by the edges across the layer; None if they do not pair the nodes."""
+    """(n,) the front node of each node, by the edges across the layer; None if these do not pair the nodes."""
     pairs = []
     for block in cells:
         for local in LOCAL_FACETS[block.type.name]:
@@ -190,11 +190,11 @@ def _partners(cells: CellTable, in_front: Marks) -> Integers | None:
 def _plane_patches(
     cells: CellTable, patches: Mapping[str, Patch], in_front: Marks, roles: tuple[str, ...]
 ) -> dict[str, Integers] | None:
-    """The patches with these roles that the two planes consist of, each with its nodes (k,) on sides of no other;
-    None if they leave a face of a plane out.
+    """The patches with these roles that form the two planes, each with its nodes (k,) on sides of no other patch; None
+    if they leave out a face of a plane.
 
     Such a patch has all nodes of a plane, or as many faces on the planes as on the sides. In a single row of cells the
-    sides look like planes, too, but most of their faces are those of other patches.
+    sides look like planes too, but most of their faces belong to other patches.
     """
     rows = np.concatenate([widened(block, 4) for block in boundary_facets(cells).values()])
     side = np.where(rows >= 0, in_front[rows], in_front[rows[:, :1]])

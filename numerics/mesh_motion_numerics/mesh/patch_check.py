@@ -84,7 +84,7 @@ def patch_warnings(boundary: Integers, patches: Mapping[str, Patch], resting: In
     patches : mapping of name to Patch
         Checked by :func:`check_patches`.
     resting : (r,) array
-        Of :func:`nodes_behind_fixed`.
+        Result of :func:`nodes_behind_fixed`.
     """
     return [*_inside(boundary, patches), *_uncovered(boundary, patches, resting), *_shared(patches)]
 

@@ -95,7 +95,7 @@ def fit_screw(points: Floats, moved: Floats, turn: Transform) -> RigidMotion:
     points, moved : (k, d) arrays, mesh length unit
         k > 0.
     turn : Transform
-        That rotates: in 2D about a point.
+        A rotation; in 2D about a point.
     """
     d = points.shape[1]
     axis = np.array([0.0, 0.0, 1.0]) if d == 2 else _angle_axis(turn.rotation)[1]

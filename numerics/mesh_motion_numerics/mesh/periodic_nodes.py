@@ -1,4 +1,4 @@
-"""Nodes that move alike because the domain is periodic: pairs, and orbits where several patches meet.
+"""Nodes that move together because the domain is periodic: pairs, and orbits where several patches meet.
 
 The first node of each orbit, its root, moves; the others take its displacement, turned by the rotation between the two.
 So pairs stay pairs: a node's image in the reference mesh remains its image, bitwise in each coordinate that the two
@@ -23,9 +23,9 @@ from mesh_motion_numerics.mesh.roles import BoundaryRoles, Patch
 __all__ = ["PeriodicNodes"]
 
 
-#: Two rotations are equal if their entries differ by less.
+#: Two rotations are equal if their entries differ by less than this.
 _UNCHANGED = 1e-9
-#: Displacements of two moving images must not differ by more, relative to the domain's extent.
+#: Largest difference between the displacements of two moving images, relative to the domain's extent.
 _TORN = 1e-6
 
 
@@ -36,13 +36,13 @@ class PeriodicNodes:
     Attributes
     ----------
     reference : (n, d) array, mesh length unit
-        Of all nodes of the mesh.
+        Coordinates of all nodes of the mesh.
     members, roots : (p,) int64 arrays
         Each node on a periodic patch, ascending, and the root of its orbit.
     rotations : (p, d, d) array
         Turn the root's displacement into the member's.
     projectors : (p, d, d) array
-        Onto the displacements that the root's orbit allows; the identity except for nodes on an axis.
+        Projections onto the displacements that the root's orbit allows; the identity except for nodes on an axis.
     """
 
     reference: Floats
@@ -54,7 +54,7 @@ class PeriodicNodes:
 
     @classmethod
     def of_pairs(cls, points: Floats, pairs: Sequence[PeriodicPair]) -> PeriodicNodes:
-        """The orbits of the pairs of a mesh with reference coordinates ``points`` (n, d)."""
+        """Build the orbits from the pairs of a mesh with reference coordinates ``points`` (n, d)."""
         links: dict[int, list[tuple[int, Transform]]] = {}
         for pair in pairs:
             back = pair.transform.inverse()
@@ -79,9 +79,9 @@ class PeriodicNodes:
     def build(
         cls, points: Floats, facets: Mapping[str, Integers], patches: Mapping[str, Patch], roles: BoundaryRoles
     ) -> PeriodicNodes | None:
-        """The orbits of a mesh with reference coordinates ``points`` (n, d); None without periodic patches.
+        """Build the orbits of a mesh with reference coordinates ``points`` (n, d); None without periodic patches.
 
-        ``facets`` (f, k) are those of the whole boundary, by type.
+        ``facets`` (f, k): all facets of the boundary, by type.
 
         Raises
         ------
@@ -120,7 +120,7 @@ class PeriodicNodes:
 
     @property
     def matrices(self) -> Floats:
-        """(p, d, d) a member's displacement from its root's."""
+        """(p, d, d) matrices that give a member's displacement from its root's."""
         return np.asarray(self.rotations @ self.projectors)
 
     @property
@@ -129,15 +129,15 @@ class PeriodicNodes:
         return np.asarray((self.projectors != np.eye(self.reference.shape[1])).any(axis=(1, 2)))
 
     def of(self, chosen: Marks) -> PeriodicNodes:
-        """The ``chosen`` (p,) members alone."""
+        """The ``chosen`` (p,) members only."""
         rotations, projectors = self.rotations[chosen], self.projectors[chosen]
         roots = self.roots[chosen]
         return PeriodicNodes(self.reference, self.members[chosen], roots, rotations, projectors, self.pairs)
 
     def renumbered(self, place: Integers, reference: Floats) -> PeriodicNodes:
-        """The orbits that are whole in a part of the mesh with its nodes at ``reference`` (k, d).
+        """The orbits that are complete in a part of the mesh with its nodes at ``reference`` (k, d).
 
-        ``place`` (n,) is each node's index there, ascending; -1 elsewhere.
+        ``place`` (n,): each node's index in the part, ascending; -1 for nodes outside.
         """
         absent = np.zeros(len(place), dtype=bool)
         absent[self.roots[place[self.members] < 0]] = True
@@ -198,7 +198,7 @@ class PeriodicNodes:
             )
 
     def check_kinds(self, kinds: Mapping[str, Integers]) -> None:
-        """Refuse an orbit whose nodes are not all of one kind.
+        """Refuse an orbit whose nodes have different kinds.
 
         Parameters
         ----------
@@ -227,17 +227,17 @@ class PeriodicNodes:
 
 
 def _commute(motion: RigidMotion, generator: Transform, points: Floats) -> bool:
-    """Whether points (k, d) that are moved and points whose images are moved stay images, within 1e-9 of the extent."""
+    """Whether points (k, d) that are moved, and their images, stay images of each other, within 1e-9 of the extent."""
     apart = motion.apply(generator(points)) - generator(motion.apply(points))
     return bool(np.abs(apart).max() <= _UNCHANGED * np.abs(motion.apply(points) - motion.centre).max())
 
 
 def _orbit(root: int, links: Mapping[int, list[tuple[int, Transform]]], d: int) -> tuple[dict[int, Floats], Floats]:
-    """Rotation from the root to each node of its orbit, and the projector onto what all its cycles leave unchanged."""
+    """Rotation from the root to each node of its orbit, and projector onto vectors that all cycles leave unchanged."""
     found = {root: np.eye(d)}
     round_trips = [np.zeros((1, d))]
     queue = [root]
-    for node in queue:  # grows during the loop
+    for node in queue:  # the list grows during the loop
         for other, transform in links[node]:
             turned = transform.rotation @ found[node] if transform.turns else found[node]
             if other not in found:

@@ -1,8 +1,8 @@
 """Pairs of periodic patches: the image of each patch, the translation or rotation, and the pairs of nodes.
 
 A translation is found from the patches' centroids. A rotation is found from two nodes that characterise a patch (the
-farthest from the centroid, and in space the one that spans the largest triangle with it) and every pair of nodes of the
-other patch that could be their images; it must be a full turn divided by an integer, about an axis, without a shift
+farthest from the centroid, and in 3D the one that spans the largest triangle with it) and every pair of nodes of the
+other patch that could be their images. It must be a full turn divided by an integer, about an axis, without a shift
 along it. In both cases every node must then have an image among the other patch's nodes, close relative to the local
 spacing.
 """
@@ -82,7 +82,7 @@ def periodic_pairs(
     ----------
     points : (n, d) array, mesh length unit
     facets : dict of (f, k) int64 arrays
-        Of the whole boundary, pointing outwards, by type.
+        The facets of the whole boundary, with outward normals, by type.
     patches : dict of (p,) int64 arrays
         Nodes of each patch with role periodic, by name.
 
@@ -94,7 +94,7 @@ def periodic_pairs(
     sides = [_side(points, facets, name, np.sort(patches[name])) for name in sorted(patches)]
     _refuse_same(sides)
     pairs: list[PeriodicPair] = []
-    for candidates in (_translations, _rotations):  # a box allows both, and translations come first
+    for candidates in (_translations, _rotations):  # a box allows both, so translations are tried first
         for place, first in enumerate(sides):
             for second in sides[place + 1 :]:
                 taken = {name for pair in pairs for name in (pair.first, pair.second)}
@@ -216,7 +216,7 @@ def _as_sector(found: Transform, spacing: float) -> Transform | None:
 
 
 def _angle(rotation: Floats) -> float:
-    """Angle of a rotation, signed in the plane, 0 … π in space."""
+    """Angle of a rotation: signed in 2D, 0 … π in 3D."""
     if len(rotation) == 2:
         return math.atan2(rotation[1, 0], rotation[0, 0])
     skew = np.array([rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0], rotation[1, 0] - rotation[0, 1]])
@@ -240,7 +240,7 @@ def _axis(rotation: Floats) -> Floats:
 
 
 def _refuse_same(sides: list[_Side]) -> None:
-    """Raise for two patches of the same nodes: a rotation may map a side onto itself, which is not a period."""
+    """Raise for two patches with the same nodes: a rotation that maps a side onto itself is not a period."""
     for place, first in enumerate(sides):
         for second in sides[:place]:
             if np.array_equal(first.nodes, second.nodes):

@@ -1,6 +1,7 @@
-"""Moving nodes on a plane wall: where a body or a piston ends at a symmetry or slip plane, it has to stay on the plane.
+"""Moving nodes on a plane wall: where a body or a piston ends at a symmetry or slip plane, it must stay on the plane.
 
-Off the plane it would leave a gap in the boundary, or reach into the domain's mirror image. No cell shows that.
+Away from the plane it would leave a gap in the boundary, or enter the domain's mirror image. The quality of no cell
+shows this.
 """
 
 from __future__ import annotations
@@ -32,13 +33,13 @@ class PlaneRims:
     ----------
     moving : (k,) int64 array
     places : (k, d) array, mesh length unit
-        Of the moving nodes in the reference mesh.
+        Places of the moving nodes in the reference mesh.
     closest : float, mesh length unit
-        A node as near to its plane is on it.
+        A node at most this far from its plane is on it.
     rims : tuple of (patch, role, rows, normal)
         Rows (r,) of the moving nodes on one plane, and its unit normal (d,).
     planes : tuple of (patch, role, corners, normal)
-        Of each plane the corners (2, d) of the box around its nodes, and its unit normal (d,).
+        For each plane the corners (2, d) of the box around its nodes, and its unit normal (d,).
     """
 
     moving: Integers
@@ -51,7 +52,7 @@ class PlaneRims:
     def build(
         cls, points: Floats, facets: Mapping[str, Integers], patches: Mapping[str, Patch], moving: Integers
     ) -> PlaneRims:
-        """Find them in a mesh with reference ``points`` (n, d) and the ``facets`` (f, k) of its whole boundary."""
+        """Find the rims in a mesh with reference ``points`` (n, d) and the ``facets`` (f, k) of its whole boundary."""
         rims, planes = [], []
         for name, nodes in whole_walls(points, facets, patches).items():
             role = patches[name].role
@@ -91,7 +92,7 @@ class PlaneRims:
         return warnings
 
     def passed(self, targets: Floats) -> str:
-        """Which plane moving nodes pass on the straight way to targets (k, d), for a message; "" if they pass none."""
+        """The plane that moving nodes pass on the straight line to targets (k, d), for a message; "" if none."""
         for name, role, box, normal in self.planes:
             before, after = ((places - box[0]) @ normal for places in (self.places, targets))
             through = np.flatnonzero((before * after < 0.0) & (np.minimum(abs(before), abs(after)) > self.closest))

@@ -1,4 +1,4 @@
-"""Points of one, two or three coordinates: padded to three coordinates, their bounding box; some of many."""
+"""Points with one, two or three coordinates: padded to three coordinates, their bounding box, and a sample of them."""
 
 import mesh_motion_kernels as kernels
 import numpy as np
@@ -25,5 +25,5 @@ def bounding_box(points: Floats) -> Floats:
 
 
 def spread(some: Integers, most: int) -> Integers:
-    """At most so many of ``some`` (s, …), spread over them."""
+    """At most this many of the items ``some`` (s, …), spread over them."""
     return some[np.unique(np.linspace(0, len(some) - 1, min(most, len(some))).astype(np.int64))]

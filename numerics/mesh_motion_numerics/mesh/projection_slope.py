@@ -1,10 +1,10 @@
-"""The derivative of the place on facets to which an interpolated normal leads (:meth:`.FacetSet.smooth`).
+"""The derivative of the place on facets from which an interpolated normal leads to a point (:meth:`.FacetSet.smooth`).
 
-A place q(u, v) of a triangle with the normal n(u, v) is where ``p = q + h n`` leads from, so ::
+A place q(u, v) of a triangle with the normal n(u, v) satisfies ``p = q + h n``, so ::
 
     dp = (q_u + h n_u) du + (q_v + h n_v) dv + n dh,      dq = q_u du + q_v dv
 
-and on a segment with the direction t(u), where ``(p − q) · t = 0``, it is
+and on a segment with the direction t(u), where ``(p − q) · t = 0``, the derivative is
 ``dq = q_u (t · dp) / (q_u · t − (p − q) · t_u)``.
 """
 
@@ -17,23 +17,23 @@ from mesh_motion_numerics.arrays import Floats, Marks
 __all__ = ["facet_angles", "smooth_slopes"]
 
 
-#: A normal leads to a place if it misses by less than this share of the facet's first edge.
+#: A normal leads to a point if it misses it by less than this share of the facet's first edge.
 _MISS = 1e-8
-#: A place is on a side of its facet where the barycentric coordinate is less.
+#: A place is on a side of its facet if a barycentric coordinate is less than this.
 _ON_SIDE = 1e-9
 
 
 def smooth_slopes(away: Floats, corners: Floats, directions: Floats, weights: Floats) -> tuple[Marks, Floats]:
-    """Whether a normal leads to each place, and the derivatives (q, d, d) by the points.
+    """Whether a normal leads from each place to its point, and the derivatives (q, d, d) by the points.
 
-    Where none does, the place is the nearest one: of a facet, of its side, or a corner, which stays.
+    If no normal does, the place is the nearest one: on a facet, on its side, or at a corner, which does not move.
 
     Parameters
     ----------
     away : (q, d) array, mesh length unit
-        From the place to the point.
+        Vector from the place to the point.
     corners, directions : (q, 2 or 3, d) arrays
-        Of the place's facet: mesh length unit, and its normals, or a segment's tangents.
+        Corners of the place's facet, mesh length unit, and its normals there, or a segment's tangents.
     weights : (q, 2 or 3) array
         Barycentric coordinates of the place.
     """
@@ -49,7 +49,7 @@ def smooth_slopes(away: Floats, corners: Floats, directions: Floats, weights: Fl
     else:
         height = np.einsum("qd,qd->q", away, at) / np.einsum("qd,qd->q", at, at)
         smooth = np.linalg.norm(away - height[:, None] * at, axis=1) <= least
-        matrix = np.concatenate([edges + height[:, None, None] * turns, at[:, None]], axis=1)  # rows: by u, v and h
+        matrix = np.concatenate([edges + height[:, None, None] * turns, at[:, None]], axis=1)  # rows: by u, v, h
         smooth &= np.abs(np.linalg.det(matrix)) > 0.0
         inverse = np.linalg.inv(np.where(smooth[:, None, None], matrix, np.eye(3)))
         slopes = np.einsum("qka,qck->qac", edges, inverse[:, :, :2])
@@ -58,7 +58,7 @@ def smooth_slopes(away: Floats, corners: Floats, directions: Floats, weights: Fl
 
 
 def facet_angles(corners: Floats, weights: Floats) -> Floats:
-    """(q,) radians: the angle of facets (q, 2 or 3, d) at their places, π where it is on no corner."""
+    """(q,) radians: the angle of facets (q, 2 or 3, d) at their places, π if a place is at no corner."""
     angles = np.full(len(corners), np.pi)
     if corners.shape[1] == 3:
         rows = np.flatnonzero(np.count_nonzero(weights > _ON_SIDE, axis=1) == 1)
@@ -71,7 +71,7 @@ def facet_angles(corners: Floats, weights: Floats) -> Floats:
 
 
 def _nearest_slopes(corners: Floats, weights: Floats) -> Floats:
-    """(q, d, d) projectors onto the plane, the side or the corner of facets that places are on."""
+    """(q, d, d) projectors onto the plane, the side or the corner of the facets at the places."""
     within = weights > _ON_SIDE
     first = np.take_along_axis(corners, np.argmax(within, axis=1)[:, None, None], axis=1)
     spans = np.where(within[:, :, None], corners - first, 0.0)

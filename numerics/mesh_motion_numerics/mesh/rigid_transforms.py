@@ -14,7 +14,7 @@ from mesh_motion_numerics.arrays import Floats
 __all__ = ["Transform", "generated_group", "nearest_images"]
 
 
-#: Elements that differ by less (a rotation's entries, a shift relative to the scale) are equal but for rounding.
+#: Elements that differ by less (a rotation's entries, a shift relative to the scale) are equal up to rounding.
 _SAME = 1e-6
 _MOST_ELEMENTS = 20_000
 
@@ -44,7 +44,7 @@ class Transform:
 
     @classmethod
     def about(cls, centre: Floats, angle: float, axis: Floats | None = None) -> Transform:
-        """Rotation by an angle about a point of the plane, or about an axis (3,) through a point of space."""
+        """Rotation by an angle about a point in 2D, or about an axis (3,) through a point in 3D."""
         if axis is None:
             c, s = math.cos(angle), math.sin(angle)
             rotation = np.array([[c, -s], [s, c]])
@@ -77,7 +77,7 @@ def generated_group(
 ) -> list[Transform]:
     """The wanted elements of the group of the generators and their inverses, the identity first.
 
-    Elements are found only through wanted ones: ``wanted`` says whether the images of a bounded set come near.
+    Elements are found only through wanted elements: ``wanted`` says whether the images of a bounded set come near.
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ def generated_group(
     steps = [step for generator in generators for step in (generator, generator.inverse())]
     found = [Transform.identity(dimension)]
     known = {_key(found[0], scale)}
-    for element in found:  # grows during the loop
+    for element in found:  # the list grows during the loop
         for step in steps:
             further = step.after(element)
             key = _key(further, scale)
@@ -112,7 +112,7 @@ def generated_group(
 
 
 def _key(element: Transform, scale: float) -> bytes:
-    """A key that is the same for elements that are equal but for rounding."""
+    """A key that is the same for elements that are equal up to rounding."""
     numbers = np.concatenate([element.rotation.ravel(), element.shift / scale])
     return np.asarray(np.round(numbers / _SAME) + 0.0).tobytes()
 
@@ -127,7 +127,8 @@ def nearest_images(places: Floats, reference: Floats, generators: Sequence[Trans
     Returns
     -------
     (m, d), (m, d, d), (m, d) arrays
-        The images, and R, s of the way back: place = R image + s. The identity, bitwise, for a place that is nearest.
+        The images, and R, s of the inverse: place = R image + s. For a place that is already the nearest, bitwise the
+        identity.
     """
     near, shifts = places.copy(), np.zeros(places.shape)
     rotations = np.broadcast_to(np.eye(places.shape[1]), (*places.shape, places.shape[1])).copy()

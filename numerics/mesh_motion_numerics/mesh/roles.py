@@ -1,4 +1,4 @@
-"""Patches and their roles: which nodes have prescribed positions, which stay, which slide.
+"""Patches and their roles: which nodes have prescribed positions, which are fixed, which slide.
 
 A node on several patches gets one role: moving overrides fixed, fixed overrides slip and symmetry. A node on a periodic
 patch always moves like its image; without another role it is free to move anywhere.
@@ -91,7 +91,7 @@ class BoundaryRoles:
         return np.searchsorted(self.prescribed, self.moving)
 
     def prescribed_positions(self, targets: Floats, reference: Floats) -> Floats:
-        """(k + f, d) positions of the prescribed nodes: those that move at targets (k, d), others as in (n, d)."""
+        """(k + f, d) positions of the prescribed nodes: moving ones at targets (k, d), others as in (n, d)."""
         positions = reference.take(self.prescribed, axis=0)
         positions[self._among_prescribed] = targets
         return positions

@@ -6,10 +6,10 @@ A sliding node's reference position lies on smooth pieces of the sliding patches
 - one curved piece: the piece's facets in the reference mesh, which represent the surface exactly as the mesh does;
 - a curved and another piece: the curve where they meet; on more pieces, it stays.
 
-Pieces in one plane count once: a far field that is cut into two patches slides as if it were one, as with OpenFOAM's
-slip condition. Held there, the node between them would stop the mesh at a place that the boundary does not have.
-So a corner stays a corner, an edge an edge, and a box whose six sides are one patch keeps its shape. Everything refers
-to the reference mesh: repeated projections cause no drift.
+Pieces in one plane count once: a far field that is cut into two patches slides like one patch, as with OpenFOAM's slip
+condition. Otherwise the node between the patches would be held, although the boundary has no edge there. So a corner
+stays a corner, an edge an edge, and a box whose six sides are one patch keeps its shape. All surfaces are those of the
+reference mesh: repeated projections cause no drift.
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ from mesh_motion_numerics.mesh.wall_lines import WallLine, wall_lines
 __all__ = ["ACROSS", "SlidingSurfaces"]
 
 
-#: A wall maps onto itself if its nodes leave it by less than this share of their motion: as a circle of 16 segments
-#: does in a rotation.
+#: A wall maps onto itself if its nodes leave it by less than this share of their motion: true for a circle of 16
+#: segments in a rotation.
 ACROSS = 0.2
-#: … or by as much as rounding, relative to the coordinates.
+#: … or by at most rounding, relative to the coordinates.
 _ROUNDING = 1e-12
 
 
@@ -49,7 +49,7 @@ class SlidingSurfaces:
     reference : (s, d) array, mesh length unit
         Their reference positions.
     groups : tuple of (rows, constraint)
-        Each row of ``nodes`` in exactly one group.
+        Each row of ``nodes`` is in exactly one group.
     pieces : tuple of Piece
         The smooth pieces of the patches.
     lines : tuple of WallLine
@@ -80,13 +80,13 @@ class SlidingSurfaces:
         points : (n, d) array, mesh length unit
             Reference coordinates.
         facets : dict of (f, k) int64 arrays
-            Of the whole boundary, pointing outwards, by type.
+            The facets of the whole boundary, with outward normals, by type.
         patches : dict of (p,) int64 arrays
             Node indices of each slip or symmetry patch, including nodes with another role of higher precedence.
         nodes : (s,) int64 array
             The nodes that slide.
         images : sequence of Transform
-            Of a periodic domain: a curved surface continues behind its periodic sides.
+            Images of a periodic domain: a curved surface continues behind its periodic sides.
         mirrors : collection of str
             Symmetry patches: each of their smooth pieces must be planar.
 
@@ -120,7 +120,7 @@ class SlidingSurfaces:
         return out
 
     def in_order(self, positions: Floats, known: Marks) -> Floats:
-        """The positions (n, d) of the mesh's nodes, those of every line in order between the ``known`` (n,) ones."""
+        """The nodes' positions (n, d), with those of every line in order between the ``known`` (n,) nodes."""
         out = positions.copy()
         for line in self.lines:
             out[line.nodes] = line.in_order(positions[line.nodes], known[line.nodes])
@@ -132,7 +132,7 @@ class SlidingSurfaces:
         Parameters
         ----------
         positions : (s, d) array, mesh length unit
-            Admissible positions of the nodes from which they move.
+            Admissible positions of the nodes at the start of the motion.
         """
         shift = rigid.translation if self.planes is None else self.planes.along(rigid.translation)
         along = replace(rigid, translation=shift)
@@ -162,7 +162,7 @@ class SlidingSurfaces:
         return out
 
     def freedom(self) -> Integers:
-        """(s,) dimension of the space of those directions; 0 for a node that stays."""
+        """(s,) dimension of the space of those directions; 0 for a node that cannot move."""
         out = np.zeros(len(self.nodes), dtype=np.int64)
         for rows, constraint in self.groups:
             out[rows] = constraint.freedom
@@ -170,17 +170,17 @@ class SlidingSurfaces:
 
     @property
     def curved(self) -> bool:
-        """Whether nodes slide on facets: the derivative of :meth:`project` depends on where they are."""
+        """Whether nodes slide on facets, so that the derivative of :meth:`project` depends on their positions."""
         return any(isinstance(constraint, OnFacets) for _, constraint in self.groups)
 
     @cached_property
     def by_freedom(self) -> tuple[SlidingSurfaces, ...]:
-        """The nodes of each freedom, the least first: corners, then lines, then surfaces."""
+        """The nodes of each freedom, the smallest first: corners, then lines, then surfaces."""
         freedom = self.freedom()
         return tuple(self.of(freedom == value) for value in np.unique(freedom))
 
     def held(self) -> SlidingSurfaces:
-        """The same nodes, all of which stay at their reference places."""
+        """The same nodes, all of them held at their reference places."""
         return replace(self, groups=((np.arange(len(self.nodes)), Held()),))
 
     def of(self, chosen: Marks) -> SlidingSurfaces:

@@ -62,7 +62,7 @@ def smooth_pieces(points: Floats, facets: Mapping[str, Integers], nodes: Integer
     ----------
     points : (n, d) array, mesh length unit
     facets : dict of (f, k) int64 arrays
-        Of the whole boundary, pointing outwards, by type.
+        The facets of the whole boundary, with outward normals, by type.
     nodes : (p,) int64 array
         The patch's nodes.
     """

@@ -9,7 +9,7 @@ __all__ = ["local_spacing"]
 
 
 def local_spacing(points: Floats) -> Floats:
-    """(n,) distance of each of (n, d) points to its nearest neighbour, mesh length unit; infinite for a single one."""
+    """(n,) distance of each of (n, d) points to its nearest neighbour, mesh length unit; inf for a single point."""
     if len(points) < 2:
         return np.full(len(points), np.inf)
     return np.asarray(cKDTree(points).query(points, k=2)[0][:, 1])

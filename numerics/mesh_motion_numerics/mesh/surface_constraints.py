@@ -1,9 +1,10 @@
-"""Where a sliding node may move: on planes through its reference place, on facets of the reference mesh, or nowhere.
+"""Constraints of sliding nodes: on planes through their reference place, on facets of the reference mesh, or held.
 
-Each constraint gives an admissible position (projection), exactly on the planes or facets: on planes the nearest one.
-It also gives the tangential directions there, for steps that are projected afterwards. On facets the normal (on a curve
-the tangent) is interpolated between the corners for both, so that it turns smoothly where the facets have kinks. The
-nearest point of facets jumps over a kink from one facet to the next, and a flow solver takes that for a mesh velocity.
+Each constraint returns an admissible position (projection), exactly on the planes or facets; on planes it is the
+nearest one. It also returns the tangential directions there, for steps that are projected afterwards. For both, on
+facets the normal (on a curve the tangent) is interpolated between the corners, so that it turns smoothly at the kinks
+between facets. The nearest point would jump over a kink from one facet to the next, and a flow solver would see a mesh
+velocity.
 """
 
 from __future__ import annotations
@@ -73,7 +74,7 @@ class OnPlanes:
         return cls(np.array(basis))
 
     def along(self, direction: Floats) -> Floats:
-        """The part of a ``direction`` (d,) that is in all the planes."""
+        """The part of a ``direction`` (d,) that lies in all the planes."""
         return np.asarray(direction - self.normals.T @ (self.normals @ direction))
 
     @property
@@ -84,7 +85,7 @@ class OnPlanes:
         out = positions.copy()
         for normal in self.normals:
             axis = int(np.argmax(np.abs(normal)))
-            if np.count_nonzero(normal) == 1:  # along a coordinate: that coordinate stays bitwise
+            if np.count_nonzero(normal) == 1:  # along a coordinate: the other coordinates stay bitwise
                 out[:, axis] = reference[:, axis]
             else:
                 out -= np.sum((out - reference) * normal, axis=1)[:, None] * normal
@@ -111,8 +112,8 @@ class OnFacets:
         At each corner the sum of t tᵀ over the segments, or of n nᵀ over the triangles, that meet there, weighted by
         their size: its first eigenvector is the tangent of the curve, or the normal of the surface.
     images : sequence of Transform
-        Generators of a periodic domain. The facets and their next images are here; a node that has passed more periods
-        is taken back by them first.
+        Generators of a periodic domain. The object has the facets and their next images; a node that has passed more
+        periods is first taken back by these.
     """
 
     facets: FacetSet
@@ -132,7 +133,7 @@ class OnFacets:
         size = np.linalg.norm(direction, axis=1)[:, None, None]
         own = direction[:, :, None] * direction[:, None, :] / size
         used, numbers = np.unique(simplices, return_inverse=True)
-        # nodes of a periodic side are those of the next image: a direction there is of the facets on both sides
+        # a periodic side also has the nodes of the next image: directions there come from the facets on both sides
         shortest = float(np.linalg.norm(corners[:, 1] - corners[:, 0], axis=1).min())
         numbers = first_at_place(points[used], shortest, _SAME_NODE)[numbers].reshape(simplices.shape)
         tensors = np.zeros((len(used), *own.shape[1:]))
@@ -151,7 +152,7 @@ class OnFacets:
 
     @cached_property
     def _directions(self) -> Floats:
-        """(f, 2 or 3, d) the tangent of the curve, or the normal of the surface, at each corner, as its facet's."""
+        """(f, 2 or 3, d) the curve's tangent, or the surface's normal, at each corner, oriented like the facet."""
         first = np.linalg.eigh(self.tensors)[1][..., -1]
         return first * np.where(np.einsum("fki,fi->fk", first, _direction(self.corners)) < 0.0, -1.0, 1.0)[..., None]
 
@@ -167,7 +168,7 @@ class OnFacets:
     def slope(self, positions: Floats, reference: Floats) -> Floats:
         """As :meth:`.SurfaceConstraint.slope`; at a corner or an edge of facets the mean over these, by their angles.
 
-        There the motion has a kink: it is the mean of the derivatives on all sides.
+        The motion has a kink there; the result is the mean of the derivatives on all sides.
         """
         near, rotations, _ = nearest_images(positions, reference, self.images)
         places = self.facets.smooth(near, self._directions)
@@ -179,7 +180,7 @@ class OnFacets:
         rows, corners, weights = rows[on], corners[on], weights[on]
         smooth, slopes = smooth_slopes(near[rows] - places[rows], corners, self._directions[facets[on]], weights)
         led = np.zeros(len(near), dtype=bool)
-        led[rows[smooth]] = True  # by a normal; elsewhere the nearest point was taken
+        led[rows[smooth]] = True  # found by a normal; the other points are the nearest ones
         share = np.where(smooth | ~led[rows], facet_angles(corners, weights), 0.0)
         found = np.zeros((*near.shape, near.shape[1]))
         np.add.at(found, rows, (share / np.bincount(rows, share, len(near))[rows])[:, None, None] * slopes)
@@ -188,7 +189,7 @@ class OnFacets:
 
 @dataclass(frozen=True, eq=False)
 class Held:
-    """The node stays at its reference place."""
+    """The node is held at its reference place."""
 
     freedom: int = 0
 
@@ -205,7 +206,7 @@ class Held:
 
 
 def _direction(corners: Floats) -> Floats:
-    """(f, d) edges of segments (f, 2, d), or normals of triangles (f, 3, d), as long as these are large."""
+    """(f, d) edges of segments (f, 2, d), or normals of triangles (f, 3, d), as long as their size."""
     edges = corners[:, 1:] - corners[:, :1]
     return edges[:, 0] if corners.shape[1] == 2 else np.cross(edges[:, 0], edges[:, 1])
 

@@ -1,15 +1,15 @@
 """The volume that each face sweeps while its nodes go straight from one position to another.
 
-A face with the corners p₁ … p_k in space is the fan of the triangles (m, p_i, p_{i+1}) about the mean m of its corners.
-A triangle is itself; a quad has the volume of its bilinear surface. In a plane a face is an edge, swept volumes are
-areas; on a line it is a point, and they are lengths. Cells are bounded by these faces.
+In 3D a face with the corners p₁ … p_k is the fan of the triangles (m, p_i, p_{i+1}) around the mean m of its corners.
+For a triangle this is the triangle itself; a quad sweeps the volume of its bilinear surface. In 2D a face is an edge,
+and swept volumes are areas; in 1D it is a point, and they are lengths. Cells are bounded by these faces.
 
 The velocity of a point of a face is constant during the step and its normal is a polynomial in time, of degree 2 for a
 triangle, so Simpson's rule is exact:
 
     ∫ u · n dA dt = u(mean) · (S(0) + 4 S(½) + S(1)) / 6,   S the area vector, u(mean) the mean displacement
 
-That is why the sum over the faces of a closed cell is the change of its volume: the geometric conservation law in its
+Therefore the sum over the faces of a closed cell is the change of its volume: the geometric conservation law in its
 discrete form. Both sides of a face get the same number with opposite signs, bit for bit.
 
 References
@@ -40,8 +40,8 @@ def swept_volumes(before: Floats, after: Floats, faces: Integers) -> Floats:
     before, after : (n, d) arrays, mesh length unit
         Positions of the nodes.
     faces : (f, k) integer array
-        Nodes; in space anticlockwise as seen from where the normal points to, filled up with -1; of an edge the normal
-        points to the right of its direction, of a point along the axis.
+        Nodes, filled up with -1. In 3D they are anticlockwise as seen from the side to which the normal points. The
+        normal of an edge points to the right of its direction, that of a point along the axis.
     """
     found = np.empty(len(faces))
     for start in range(0, len(faces), _BLOCK):
@@ -64,7 +64,7 @@ def swept_by_cells(before: Floats, after: Floats, block: CellBlock) -> Floats:
     ----------
     before, after : (n, d) arrays, mesh length unit
     block : CellBlock
-        Cells; of those in the opposite orientation the faces have the opposite signs.
+        Cells; for cells in the opposite orientation the faces have the opposite signs.
     """
     columns = []
     for number, local in enumerate(LOCAL_FACETS[block.type.name]):
@@ -74,7 +74,7 @@ def swept_by_cells(before: Floats, after: Floats, block: CellBlock) -> Floats:
 
 
 def _canonical(faces: Integers, dimension: int) -> tuple[Integers, Floats]:
-    """Faces (f, k) from their least node on, in the direction of the lesser neighbour, and the signs (f,) of that."""
+    """Faces (f, k) from their smallest node on, towards its smaller neighbour, and the signs (f,) of this change."""
     nodes = faces.copy()
     signs = np.ones(len(faces))
     if dimension == 2:

@@ -1,7 +1,7 @@
 """The lines along which sliding nodes move: in 2D the walls, in 3D the edges where two walls meet.
 
-The nodes of a line keep their order between the nodes whose positions are known: its ends, and nodes that something
-else places. So none passes the end of its wall.
+The nodes of a line keep their order between the nodes with known positions: the ends, and nodes that other parts place.
+So no node passes the end of its wall.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from mesh_motion_numerics.mesh.smooth_pieces import Piece, sides
 __all__ = ["WallLine", "wall_lines"]
 
 
-#: A spacing is at least this share of what it is where the line is stretched evenly.
+#: A spacing is at least this share of its value in an evenly stretched line.
 _LEAST = 0.1
 #: Nodes this close to a straight line are on it, relative to its length.
 _ON_LINE = 1e-6
@@ -33,10 +33,10 @@ class WallLine:
     places: Floats
 
     def in_order(self, positions: Floats, known: Marks) -> Floats:
-        """The positions (m, d) of the nodes on the line, in order between the ``known`` (m,) ones.
+        """The positions (m, d) of the nodes on the line, in order between the ``known`` (m,) nodes.
 
-        A part in which a spacing is too small is mixed with the evenly stretched part, as little as that takes. All
-        other nodes stay bitwise.
+        A part in which a spacing is too small is mixed with the evenly stretched part, as little as possible. All other
+        nodes keep their bits.
         """
         rest, now = self._lengths(self.places), self._lengths(positions)
         out, fixed = now.copy(), np.flatnonzero(known)
@@ -51,7 +51,7 @@ class WallLine:
         return np.where(changed[:, None], self._places_at(out), positions)
 
     def _lengths(self, positions: Floats) -> Floats:
-        """(m,) lengths along the line to positions (m, d) on it: past the ends along the first segment if straight."""
+        """(m,) lengths along the line to positions (m, d) on it; a straight line continues beyond its ends."""
         steps = np.diff(self.places, axis=0)
         size = np.linalg.norm(steps, axis=1)
         if self._straight:
@@ -84,7 +84,7 @@ def wall_lines(points: Floats, pieces: Sequence[Piece], freedom: Integers) -> tu
     ----------
     points : (n, d) array, mesh length unit
     pieces : sequence of Piece
-        Of all walls.
+        The pieces of all walls.
     freedom : (n,) int64 array
         Dimension of the space of directions in which each sliding node may move; 0 for other nodes.
     """
@@ -111,7 +111,7 @@ def _neighbours(pieces: Sequence[Piece], freedom: Integers) -> Mapping[int, set[
         return {}
     edges = np.concatenate([p.facets if width == 2 else np.unique(sides(p.facets)[0], axis=0) for p in pieces])
     edges, counts = np.unique(np.sort(edges, axis=1), axis=0, return_counts=True)
-    lines = edges[(counts >= width / 2) & (freedom[edges].max(axis=1) == 1)]  # in 3D a line is on two walls
+    lines = edges[(counts >= width / 2) & (freedom[edges].max(axis=1) == 1)]  # in 3D a line belongs to two walls
     out: dict[int, set[int]] = {}
     for a, b in lines.tolist():
         out.setdefault(a, set()).add(b)

@@ -1,4 +1,4 @@
-"""What a method accepts: what it refuses or warns of, which part of a refused motion it takes."""
+"""The motions that a method accepts: refusals, warnings, and the accepted part of a refused motion."""
 
 import math
 from collections.abc import Callable
@@ -17,12 +17,13 @@ __all__ = [
     "way_out",
 ]
 
-#: How accurate a bisection's fraction is: of a motion without a correction, and of a boundary, which is cheap to test.
-#: Its thousandths, which are rounded down, are why it is not 1/32 and 1/64.
+#: Accuracy of a bisection's fraction: for a motion without a correction, and for a boundary, which is cheap to test.
+#: They are not 1/32 and 1/64 because fractions are rounded down to thousandths.
 _COARSE, _FINE = 1 / 31, 1 / 60
-#: Where a correction is tried between the largest fraction that is valid without one and the largest possible one.
+#: Shares of the range between the largest fraction that is valid without a correction and the largest possible one, at
+#: which a correction is tried.
 _SHARES = (0.7, 0.3)
-#: Is tried before, of the largest possible fraction: closer to it the correction takes many times as long.
+#: A fraction of the largest possible one, tried first: closer to it the correction takes many times as long.
 _NEARLY = 0.95
 _LEAST = 0.004
 #: As a share of the mesh's diagonal: a longer displacement is probably in another unit.
@@ -40,7 +41,7 @@ def refuse_unacceptable(method: Method, quality: Judgement, reached: bool) -> li
     Raises
     ------
     QualityRefused
-        With the best minimum quality and the worst cells.
+        The error has the best minimum quality and the worst cells.
     """
     name, threshold, best = method.quality_metric, method.quality_threshold, quality.metric.min
     if quality.inverted and not method.allow_invalid:
@@ -65,9 +66,10 @@ def refuse_unacceptable(method: Method, quality: Judgement, reached: bool) -> li
 
 
 def other_unit(points: Floats, displacement: Floats, nearest: float = 0.0) -> str:
-    """The question whether a displacement (k, d) is in the unit of the mesh (n, d), if it is far larger than the mesh.
+    """Ask whether a displacement (k, d) is in the unit of the mesh (n, d), if it is far larger than the mesh.
 
-    It is asked too if the displacement is not 0 and smaller than the share ``nearest`` of the mesh's diagonal.
+    The question is also asked if the displacement is not 0 and smaller than the share ``nearest`` of the mesh's
+    diagonal.
     """
     far = float(np.linalg.norm(displacement, axis=1).max(initial=0.0))
     extent = float(np.linalg.norm(np.ptp(points, axis=0)))
@@ -89,14 +91,15 @@ def largest_accepted(
     """The largest accepted fraction of a refused displacement among the few that are tried; 0 if none is accepted.
 
     Corrections are expensive. If the boundary alone forbids the whole displacement, a fraction just below the largest
-    ``possible`` one is tried first: in most domains that is as far as a mesh can be moved, and the boundary is cheap to
-    test. Otherwise, or if that is refused, a few fractions are tried between the largest one at which the motion is
-    ``valid`` without a correction and the largest possible one; then the one that is valid is the answer.
+    ``possible`` one is tried first: in most domains a mesh can be moved this far, and the boundary is cheap to test.
+    Otherwise, or if that is refused, a few fractions are tried between the largest one at which the motion is ``valid``
+    without a correction and the largest possible one; if all are refused, the result is the valid one.
 
     Parameters
     ----------
     accepts, valid, possible : callable
-        Fraction → whether the motion is accepted; whether it is without a correction; whether a valid mesh may exist.
+        Fraction → whether the motion is accepted; whether it is accepted without a correction; whether a valid mesh may
+        exist.
     whole : bool
         Whether the whole displacement is possible.
     certain : bool
@@ -104,7 +107,7 @@ def largest_accepted(
     corrected : bool
         Whether a motion that is not ``valid`` may be accepted.
     expected : callable, optional
-        What ``valid`` probably is, at next to no cost.
+        A cheap estimate of ``valid``.
 
     Returns
     -------

@@ -1,10 +1,10 @@
-"""Ways for the moving boundary from its present to its target position. Every body follows its own path.
+"""Ways for the moving boundary from its present to its target position; every body follows its own path.
 
 A body is a connected part of the moving boundary. Its path is the motion of constant twist of its best rigid fit
-(:mod:`.paths`): a body in rigid motion stays rigid all the way, whatever the other bodies do. A body that is attached
-to nodes that do not move (a flag behind a cylinder, a wing on its symmetry plane) turns about the seam.
+(:mod:`.paths`): a body in rigid motion stays rigid all the way, independent of the other bodies. A body that is
+attached to nodes that do not move (a flag behind a cylinder, a wing on its symmetry plane) turns about the seam.
 
-The rigid fit does not know on which side of the domain there is room. So up to four ways are tried, in this order:
+The rigid fit does not show on which side of the domain there is room. So up to four ways are tried, in this order:
 
 turning
     every body follows its twist; exactly half a turn is anticlockwise (2D) or about the axis with a positive largest
@@ -35,7 +35,7 @@ __all__ = ["Body", "Way", "moving_bodies", "straight_way", "ways"]
 
 #: Smaller angles count as no rotation, radians.
 _NO_TURN = 1e-9
-_NO_ORBIT = np.pi / 12  # the straight way serves smaller angles as well
+_NO_ORBIT = np.pi / 12  # smaller angles: the straight way is good enough
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +96,7 @@ class Way:
     pieces: tuple[_Piece, ...] = ()
 
     def at(self, fraction: float) -> Floats:
-        """(k, d) positions after a fraction in [0, 1]."""
+        """(k, d) positions after a fraction in [0, 1] of the way."""
         if fraction in {0.0, 1.0}:
             return self.targets if fraction else self.origin
         places = self.origin + fraction * (self.targets - self.origin)
@@ -108,7 +108,7 @@ class Way:
 def moving_bodies(cells: CellTable, moving: Integers) -> tuple[Body, ...]:
     """The bodies of a mesh: moving nodes (k,) connected by boundary facets whose nodes all move.
 
-    All moving nodes on no such facet form one body. Bodies are in the order of their first nodes.
+    All moving nodes that are on no such facet form one body. Bodies are in the order of their first nodes.
     """
     facets = list(boundary_facets(cells).values())
     row_of = np.full(1 + max(int(moving.max()), *(int(nodes.max()) for nodes in facets)), -1)
@@ -161,12 +161,12 @@ def _piece(origin: Floats, targets: Floats, body: Body) -> _Piece:
 
 
 def _far(piece: _Piece) -> bool:
-    """Whether a body turns by more than a quarter, so that the other direction is tried too."""
+    """Whether a body turns by more than a quarter turn, so that the other direction is also tried."""
     return abs(piece.rigid.angle) > np.pi / 2
 
 
 def _around_each_other(pieces: list[_Piece]) -> tuple[_Piece, ...]:
-    """The same end positions with the centres on their common twist; empty if they do not turn about each other."""
+    """The same end positions, with the centres on their common twist; empty if they do not turn about each other."""
     if len(pieces) < 2:
         return ()
     centres = np.array([piece.rigid.centre for piece in pieces])

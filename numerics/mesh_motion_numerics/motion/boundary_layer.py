@@ -1,4 +1,4 @@
-"""Boundary layers that move with their wall: their distance and direction to it stay as in the reference mesh.
+"""Boundary layers that move with their wall: their distance and direction to the wall stay as in the reference mesh.
 
 Each node x of the layer belongs to a place p = Σ b_j x_j of the reference wall: the foot of its column where layers of
 cells are stacked (:mod:`.boundary_layer_stacks`), otherwise the nearest place. The node goes to::
@@ -6,12 +6,12 @@ cells are stacked (:mod:`.boundary_layer_stacks`), otherwise the nearest place. 
     x' = p' + |x − p| t / |t|,      p' = Σ b_j x_j',      t = Σ b_j R_j (x − p)
 
 with the wall's nodes at x_j' and their rotations R_j (:mod:`.boundary_layer_wall`). So its distance from p is kept to
-rounding, nodes above one another stay on one line, and a wall that moves rigidly carries its layer rigidly. All
-positions follow from the reference mesh: nothing drifts.
+rounding, nodes above each other stay on one line, and a wall that moves rigidly carries its layer rigidly. All
+positions are computed from the reference mesh: there is no drift.
 
 The other nodes are interpolated, but not from the wall: the layer's outermost nodes shield it. They replace the wall's
-nodes behind them as control points, so the system does not grow, and inner nodes need no evaluation. Where the layer
-ends, the wall's own nodes remain control points.
+nodes behind them as control points, so the system does not grow, and inner nodes need no evaluation. Where there is no
+layer, the wall's own nodes remain control points.
 
 References
 ----------
@@ -38,17 +38,17 @@ from mesh_motion_numerics.mesh.sliding import SlidingSurfaces
 __all__ = ["BoundaryLayer", "Shield", "held_with"]
 
 
-_SPOILED = 0.2  # share of a cell's quality at rest below which no correction could repair it
+_SPOILED = 0.2  # share of a cell's quality at rest below which no correction can repair it
 
 
 class Shield(NamedTuple):
-    """The layer's outermost nodes (e,), and the wall's nodes (s,) whose cells all lie behind them."""
+    """The layer's outermost nodes (e,), and the wall's nodes (s,) whose cells are all behind them."""
 
     outermost: Integers
     behind: Integers
 
     def instead(self, controls: Integers) -> Integers:
-        """The control nodes (c,), with the outermost nodes instead of the wall's nodes behind them."""
+        """The control nodes (c,), in which the outermost nodes replace the wall's nodes behind them."""
         if not len(self.outermost):
             return controls
         return np.union1d(np.setdiff1d(controls, self.behind), self.outermost)
@@ -89,7 +89,7 @@ class BoundaryLayer:
     ) -> BoundaryLayer | None:
         """The layer of a checked mesh with reference coordinates ``points`` (n, d); None if no node belongs to it.
 
-        ``facets`` (f, k) of the whole boundary by type are given where the ``cells`` are those near the wall alone.
+        ``facets`` (f, k), of the whole boundary by type, are needed if ``cells`` are only the cells near the wall.
         """
         facets = boundary_facets(cells) if facets is None else facets
         wall = MovingWall.of_patches(points, facets, patches)
@@ -123,14 +123,14 @@ class BoundaryLayer:
         return out
 
     def lifted(self, moved: Floats) -> Floats:
-        """The same before its sliding nodes are put onto their walls."""
+        """The same, before the layer's sliding nodes are put onto their walls."""
         wall = moved[self.wall.nodes]
         corners, weights = self.tied.places
         turned = np.einsum("ljab,lb->lja", self.wall.rotations(wall)[corners], self.tied.offsets)
         mean = np.einsum("lj,lja->la", weights, turned)
         length = np.linalg.norm(mean, axis=1, keepdims=True)
         distance = np.linalg.norm(self.tied.offsets, axis=1, keepdims=True)
-        first = turned[np.arange(len(weights)), np.argmax(weights, axis=1)]  # if opposite rotations cancel out
+        first = turned[np.arange(len(weights)), np.argmax(weights, axis=1)]  # possible if opposite rotations cancel out
         scale = np.divide(distance, length, out=np.zeros_like(length), where=length > 0.0)
         return np.asarray(self.tied.places.of(wall) + np.where(length > 0.0, scale * mean, first))
 
@@ -147,7 +147,7 @@ class BoundaryLayer:
     def fitting(
         self, moved: Floats, quality: Callable[[Floats, Integers], Floats], valid: Floats | None = None
     ) -> BoundaryLayer | None:
-        """The layer without the cells that it would spoil by itself, as in concave corners that close.
+        """The layer without the cells that it would spoil by itself, for example in concave corners that close.
 
         Parameters
         ----------
@@ -156,7 +156,7 @@ class BoundaryLayer:
         quality : callable
             Positions (n, d) and numbers of cells (k,) → their metric (k,).
         valid : (n, d) array, mesh length unit, optional
-            A valid mesh from which a correction will begin: the layer ends at nodes that are elsewhere there.
+            A valid mesh from which a correction will begin: nodes with another position in it leave the layer.
         """
         trial = moved.copy()
         trial[self.nodes] = self.carried(moved)
@@ -181,7 +181,7 @@ def held_with(held: Marks, layer: BoundaryLayer | None) -> Marks:
 
 
 def _shield(cells: CellTable, known: Marks, wall: Integers, layer: Integers) -> Shield:
-    """The layer's nodes in cells with a node that is not known (n,), and the wall's nodes in no such cell."""
+    """The layer's nodes in cells with a node outside ``known`` (n,), and the wall's nodes that are in no such cell."""
     outside = np.zeros(len(known), dtype=bool)
     for block in cells:
         outside[block.nodes[~known[block.nodes].all(axis=1)]] = True

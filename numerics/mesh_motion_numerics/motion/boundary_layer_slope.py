@@ -1,7 +1,7 @@
 """The derivative of a boundary layer's motion (:mod:`.boundary_layer`) with respect to the wall's nodes.
 
-A layer's node depends on the wall's nodes about its foot only, so the derivative is a sparse matrix: it serves for a
-tangent and, transposed, for an adjoint.
+A layer's node depends only on the wall's nodes around its foot, so the derivative is a sparse matrix; it is used for
+tangents and, transposed, for adjoints.
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ def carried_slope(layer: BoundaryLayer, moved: Floats) -> csr_array:
         placed = placed.copy()
         placed[rows] = onto
         across[rows] = onto @ across[rows]
-    of_places = np.einsum("lj,lac->lajc", weights, placed)  # by the corners' positions
-    of_turns = np.einsum("lj,lac,lb->lajcb", weights, across, offsets)  # by the corners' rotations
+    of_places = np.einsum("lj,lac->lajc", weights, placed)  # derivative by the corners' positions
+    of_turns = np.einsum("lj,lac,lb->lajcb", weights, across, offsets)  # derivative by the corners' rotations
     directly = _sparse(of_places, n, corners, len(wall.nodes))
     turned = _sparse(of_turns.reshape(n, d, d, d * d), n, corners, len(wall.nodes))
     return csr_array(directly + turned @ _rotations_slope(wall, at))
@@ -49,7 +49,7 @@ def carried_slope(layer: BoundaryLayer, moved: Floats) -> csr_array:
 def _rotations_slope(wall: MovingWall, moved: Floats) -> csr_array:
     """(w d d, w d) derivative of :meth:`.MovingWall.rotations` at ``moved`` (w, d).
 
-    Each node's rotation is a function of sums over its facets, so it is the sum of what each facet contributes.
+    Each node's rotation is a function of sums over its facets, so the derivative is a sum over the facets.
     """
     rest, now, d = wall.reference[wall.simplices], moved[wall.simplices], moved.shape[1]
     frames, own = np.linalg.inv(facet_frames(rest)), facet_frames(now)
@@ -64,7 +64,7 @@ def _rotations_slope(wall: MovingWall, moved: Floats) -> csr_array:
     goal = wall.summed(own[:, :, -1], angles)
     least = least_rotation(np.einsum("wij,wj->wi", mean, normal), goal)
 
-    # incidences of facets and nodes: row s d + i is that of the facet s and its corner i
+    # incidences of facets and nodes: row s d + i is the facet s and its corner i
     nodes = wall.simplices.ravel()
     summed_slope = (at_rest[:, :, None, None, None, None] * facet_slope[:, None]).reshape(-1, d, d, d, d)
     goal_slope = angles[:, :, None, None, None] * own_slope[:, None, :, -1]
@@ -135,7 +135,7 @@ def _least_slope(a: Floats, b: Floats, da: Floats, db: Floats) -> Floats:
 
 
 def _unit(vectors: Floats, slopes: Floats) -> tuple[Floats, Floats]:
-    """Unit vectors (q, d), and their derivatives from those of the vectors."""
+    """Unit vectors (q, d), and their derivatives from the derivatives of the vectors."""
     length = np.linalg.norm(vectors, axis=1)
     unit = vectors / length[:, None]
     across = (np.eye(vectors.shape[1]) - unit[:, :, None] * unit[:, None, :]) / length[:, None, None]
@@ -143,14 +143,14 @@ def _unit(vectors: Floats, slopes: Floats) -> tuple[Floats, Floats]:
 
 
 def _crossing(vectors: Floats) -> Floats:
-    """(s, 3, 3) matrices of the products v × …."""
+    """(s, 3, 3) matrices of the cross products v × …."""
     out = np.zeros((len(vectors), 3, 3))
     out[:, 0, 1], out[:, 0, 2], out[:, 1, 2] = -vectors[:, 2], vectors[:, 1], -vectors[:, 0]
     return out - np.swapaxes(out, 1, 2)
 
 
 def _sparse(values: Floats, rows: Integers | int, columns: Integers, n_columns: int) -> csr_array:
-    """Values (q, r, j, k) as a matrix: row r of the item ``rows`` (q,), and number k of the columns' item j (q, j)."""
+    """Values (q, r, j, k) as a sparse matrix: row r of item ``rows`` (q,), and number k of item j (q, j)."""
     count, r, _, k = values.shape
     items = np.arange(count) if isinstance(rows, int) else rows
     n_rows = rows if isinstance(rows, int) else n_columns

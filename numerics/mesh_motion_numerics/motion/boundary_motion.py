@@ -1,8 +1,8 @@
-"""The motion of a boundary whose volume lies elsewhere: it gives the field, corrects regions, and judges nothing.
+"""The motion of a boundary whose volume is in other processes: gives the field, corrects regions, judges nothing.
 
 The field is that of :class:`.standard_motion.StandardMotion` from the reference mesh with the whole displacement. It
-depends on the nodes with a role, the facets of the boundary and the box of the mesh only, so it is that of the whole
-mesh: bitwise where all nodes with a role are moving or fixed, and to rounding where some slide.
+depends only on the nodes with a role, the facets of the boundary and the box of the mesh. So it is the field of the
+whole mesh: bitwise if all nodes with a role are moving or fixed, and to rounding if some slide.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -52,11 +52,11 @@ from mesh_motion_numerics.stopwatch import Stopwatch, check_time
 __all__ = ["BoundaryMotion", "reach_of_layers"]
 
 
-#: Of the box' diagonal: a node as near to a wall is on it, whichever partition's coordinates are taken.
+#: Share of the box's diagonal: a node this near to a wall is on it, for the coordinates of any partition.
 _ON_WALL = 1e-9
-#: Degrees: so near to half a turn it may be one either way.
+#: Degrees: a rotation this near to half a turn may have either direction.
 _UNCERTAIN = 1e-6
-#: Corrections that leave a role alone, or know it; others judge whether nodes slide, or hold them.
+#: Corrections for a role: those that ignore it, or know it. Other corrections judge whether nodes slide, or hold them.
 _CORRECTIONS = {"slip": ("smooth",), "symmetry": ("smooth",), "periodic": ("none", "smooth")}
 
 
@@ -67,13 +67,13 @@ class BoundaryMotion:
     Attributes
     ----------
     motion : StandardMotion
-        Of the nodes of the boundary, and of those that span the box of the mesh.
+        Motion of the nodes of the boundary, and of those that span the box of the mesh.
     bodies : dict of str to Body
         The moving patches.
     rims : PlaneRims
         Moving nodes on plane slip and symmetry walls.
     constraint : BoundaryConstraint or None
-        Of the nodes on walls that the smooth correction may move.
+        Constraint of the nodes on walls that the smooth correction may move.
     """
 
     motion: StandardMotion
@@ -93,14 +93,14 @@ class BoundaryMotion:
     ) -> Self:
         """Check the nodes (n, d) and prepare their motions.
 
-        ``facets`` (f, k) are those of the whole boundary, by type; none are needed if all patches move or are fixed,
-        and no layer is carried. ``near`` are the cells about the nodes within some distance of the moving walls.
+        ``facets`` (f, k): all facets of the boundary, by type; not needed if all patches are moving or fixed, and no
+        layer is carried. ``near``: the cells at nodes within some distance of the moving walls.
 
         Raises
         ------
         InvalidInput
-            If a patch is unusable or has a role that the correction needs the volume for, or no node is fixed; or the
-            method does not fit the mesh.
+            If a patch is unusable or has a role for which the correction needs the volume, if no node is fixed, or if
+            the method does not fit the mesh.
         """
         check_patches(len(points), patches)
         for name, patch in patches.items():
@@ -131,11 +131,11 @@ class BoundaryMotion:
 
     @property
     def method(self) -> Method:
-        """The method with both radii filled in."""
+        """The method with both radii set."""
         return self.motion.method
 
     def without_distributions(self) -> Self:
-        """The same: it judges nothing."""
+        """The same object: it judges nothing."""
         return self
 
     def summary(self, points: Floats) -> Judgement:
@@ -144,22 +144,22 @@ class BoundaryMotion:
         Raises
         ------
         SessionError
-            Always: the cells are elsewhere.
+            Always: the cells are in other processes.
         """
         del points
         raise SessionError("the trial is not judged, or it was refused", hint="send JUDGE from every partition first")
 
     def headroom(self, way: Floats, points: Floats) -> Headroom:
-        """Refuse as :meth:`summary` does."""
+        """Refuse, as :meth:`summary` does."""
         del way, points
         raise SessionError("the headroom is not known: the cells are elsewhere")
 
     def why_no_slope(self) -> InvalidInput | None:
-        """What keeps the motion from having a derivative; None if it has one."""
+        """The reason why the motion has no derivative; None if it has one."""
         return why_no_slope(self.motion)
 
     def slope(self, points: Floats, factors: FactorSource) -> NoReturn:
-        """Refuse as :meth:`summary` does; the field has a derivative, which :meth:`field_map` gives."""
+        """Refuse, as :meth:`summary` does; the field has a derivative, see :meth:`field_map`."""
         del points, factors
         raise SessionError("the derivative of all nodes is not known: the volume is elsewhere")
 
@@ -168,12 +168,12 @@ class BoundaryMotion:
         return FieldMap(self.motion.factorized(self.motion.control_nodes(self.motion.roles.all), factors), factors)
 
     def plain_slope(self, points: Floats, factors: FactorSource) -> PlainSlope:
-        """The derivative of the motion that has led to ``points`` (n, d), of these nodes without a correction.
+        """The derivative of the motion of these nodes that has led to ``points`` (n, d), without a correction.
 
         Raises
         ------
         QualityRefused
-            If it has none there.
+            If there is no derivative at these points.
         """
         motion = self.motion
         plain = motion.trial(motion.reference, points[motion.roles.moving], factors, Stopwatch()).points
@@ -187,7 +187,7 @@ class BoundaryMotion:
         *,
         boundary_displacement: BoundaryDisplacement | None = None,
     ) -> Motion:
-        """The motion of the nodes (n, d) that takes the moving ones to ``targets`` (k, d); its quality is not known."""
+        """Move the nodes (n, d) so that the moving ones are at ``targets`` (k, d); the quality is unknown."""
         del boundary_displacement
         check_time()
         warnings = self.rims.check(targets)
@@ -210,13 +210,13 @@ class BoundaryMotion:
         )
 
     def _refuse_winding(self, committed: Floats, targets: Floats) -> None:
-        """Raise if a body turns on beyond half a turn: the whole mesh would wind, and the field cannot."""
+        """Raise if a body turns beyond half a turn: the whole mesh would have to wind, and the field cannot do this."""
         if self.method.correction != "smooth" or committed.shape[1] == 1:
             return
         moving, periodic = self.motion.roles.moving, self.motion.roles.periodic
         for name, body in self.bodies.items():
             if np.isin(moving[body.rows], periodic).any():
-                continue  # it winds no mesh
+                continue  # the body winds no mesh
             rest, was = (points[moving[body.rows]] for points in (self.motion.reference, committed))
             before, after = (np.degrees(angle) for angle in turned_on(rest, was, targets[body.rows]))
             if abs(after) > 180.0 + _UNCERTAIN and abs(before) < 180.0 - _UNCERTAIN:
@@ -230,7 +230,7 @@ class BoundaryMotion:
 
     @cached_property
     def optimised(self) -> Self:
-        """The same with the correction up to the threshold, which reaches most where no smooth motion is found."""
+        """The same motion with the correction up to the threshold, which reaches most if no smooth motion is found."""
         if self.method.correction != "smooth":
             return self
         method = replace(self.method, correction="optimised", correction_target="threshold")
@@ -239,19 +239,19 @@ class BoundaryMotion:
     def ways(self, targets: Floats) -> Iterator[Way]:
         """Ways of the moving nodes from the reference mesh to the ``targets`` (k, d)."""
         origin = self.motion.reference[self.motion.roles.moving]
-        if self.motion.periodic is not None:  # images must move alike
+        if self.motion.periodic is not None:  # images must move together
             return iter([straight_way(origin, targets)])
         return ways(origin, targets, tuple(self.bodies.values()))
 
     @property
     def known(self) -> Integers:
-        """(k,) nodes that the field does not place: those with a role, and those of the walls' layers."""
+        """(k,) nodes that the field does not place: nodes with a role, and nodes of the walls' layers."""
         roles, layer = self.motion.roles.all, self.motion.layer
         return roles if layer is None else np.union1d(roles, layer.nodes)
 
     @property
     def orbits(self) -> Integers:
-        """(n,) the node that represents each and its periodic images."""
+        """(n,) the node that represents each node and its periodic images."""
         nodes = np.arange(len(self.motion.reference))
         return nodes if self.motion.periodic is None else self.motion.periodic.root_of(nodes)
 
@@ -266,7 +266,7 @@ class BoundaryMotion:
         rows: Integers,
         ways: Iterable[PlainWay],
     ) -> Correction:
-        """The smooth correction of a region, bitwise that of a mesh of ``n_nodes`` which begins at interpolation.
+        """The smooth correction of a region, bitwise that of a mesh of ``n_nodes`` that begins with interpolation.
 
         Parameters
         ----------
@@ -275,13 +275,13 @@ class BoundaryMotion:
         rows : (n,) int64 array
             The row of each node in the boundary; -1 if it is not there.
         ways : iterable of callable
-            Fraction → where interpolation takes the nodes (n, d), from the reference mesh to the ``positions``: tried
-            in turn where no valid mesh is found at once.
+            Fraction → positions (n, d) by interpolation, from the reference mesh to the ``positions``: tried in turn if
+            no valid mesh is found in one step.
 
         Raises
         ------
         RegionTooSmall
-            If it takes a larger region.
+            If a larger region is needed.
         QualityRefused
             If no valid mesh was found.
         """
@@ -299,7 +299,7 @@ class BoundaryMotion:
         n_nodes: int,
         rows: Integers,
     ) -> SmoothMotion:
-        """The correction of a region, as :meth:`smoothed` makes it."""
+        """Return the correction of a region for :meth:`smoothed`."""
         read = checked_cells(points, cells)
         constraint = None if self.constraint is None else self.constraint.renumbered(rows, points)
         held = held if constraint is None else held & ~constraint.released
@@ -313,13 +313,13 @@ class BoundaryMotion:
         Parameters
         ----------
         points, positions : (n, d) arrays, mesh length unit
-            In the reference mesh, and where the interpolation takes them.
+            Positions in the reference mesh, and after the interpolation.
         held : (n,) bool array
 
         Raises
         ------
         RegionTooSmall
-            If it takes a larger region.
+            If a larger region is needed.
         QualityRefused
             If no valid mesh was found.
         """
@@ -332,7 +332,7 @@ class BoundaryMotion:
             held=held,
             cells=read.cells,
             reference_sizes=cells_at_rest(points, read.cells, read.sizes) if relative else read.sizes,
-            factorization=DeferredFactorization(points, self.method, MakeEachTime()),  # no such correction looks at it
+            factorization=DeferredFactorization(points, self.method, MakeEachTime()),  # no correction here uses it
             reference=points,
             elsewhere=elsewhere,
         )
@@ -342,12 +342,12 @@ class BoundaryMotion:
 def reach_of_layers(
     points: Floats, facets: Mapping[str, Integers], near: CellTable, patches: Mapping[str, Patch], method: Method
 ) -> tuple[float, MovingWall | None]:
-    """About which nodes the cells are needed for the layers of the moving walls.
+    """The distance from the moving walls within which the cells at nodes are needed for layers.
 
     Parameters
     ----------
     near : CellTable
-        The cells about the nodes on the walls, or more; empty: none is known yet.
+        The cells at the nodes on the walls, or more; empty: no cell is known yet.
 
     Returns
     -------
@@ -366,7 +366,7 @@ def reach_of_layers(
 
 
 def _bodies(roles: BoundaryRoles, patches: Mapping[str, Patch]) -> dict[str, Body]:
-    """Each moving patch is one: which of them are connected, cells elsewhere know."""
+    """The moving patches as bodies: only the cells in other processes show which patches are connected."""
     left, bodies = np.ones(len(roles.moving), dtype=bool), {}
     for name, patch in patches.items():
         rows = np.flatnonzero(left & np.isin(roles.moving, patch.nodes)) if patch.role == "moving" else np.empty(0, int)

@@ -1,11 +1,11 @@
 """Detects a part of the boundary that has left the part around it, or entered another one: no valid mesh exists then.
 
-A body that has moved wholly through a wall crosses nothing at its targets. How often a closed part of the boundary goes
-round a node of another part shows on which side the node is: its winding number, the sum of the angles of the part's
+A body that has moved wholly through a wall crosses nothing at its targets. The winding number shows on which side of a
+closed part a node of another part is: how often the part goes round the node. It is the sum of the angles of the part's
 segments in 2D, of the solid angles of its triangles in 3D, as a share of the full angle. No valid motion changes it.
 
-The winding number of the whole boundary is 1 in the mesh and 0 outside of it. So where facets touch it decides whether
-the boundary has crossed there: the mesh must be on the one side of each of them, once, and not twice on the other side.
+The winding number of the whole boundary is 1 in the mesh and 0 outside of it. So it decides whether touching facets
+have crossed: the mesh must be once on one side of each facet, and not twice on the other side.
 
 References
 ----------
@@ -24,19 +24,19 @@ from mesh_motion_numerics.mesh.smooth_pieces import area_vectors, as_simplices
 __all__ = ["contact_place", "misplaced_place"]
 
 
-#: Least number of places that are tested, spread over all: what has left is found by any node that is outside …
+#: Smallest number of tested places, spread over all: a part that has left is found by any node that is outside …
 _PROBES = 16
-#: … and, of a small boundary, so many pairs of a place and a facet; they are computed in blocks of so many.
+#: … and, for a small boundary, this number of pairs of a place and a facet; they are computed in blocks of this size.
 _MOST_PAIRS = 1 << 15
-#: Of the places whose rays differ, so many are looked at in one go.
+#: Number of places that are examined at a time, among the places whose rays differ.
 _AT_ONCE = 4
-#: Of facets that touch, so many are tested, spread over all.
+#: Number of touching facets that are tested, spread over all.
 _MOST_TOUCHING = 64
-#: … and so many of their places are near each other.
+#: … and number of places near each other that are tested together.
 _TOGETHER = 32
 #: Distance from a facet, relative to its size, at which its sides are tested: far above rounding, far below any gap.
 _NEAR = 1e-8
-#: Where: in the corners, at the sides and in the middle.
+#: Barycentric places of the tests: in the corners, at the sides and in the middle.
 _WHERE = {
     2: np.array([(0.999, 0.001), (0.5, 0.5), (0.001, 0.999)]),
     3: np.vstack(
@@ -77,8 +77,8 @@ def misplaced_place(
         if not len(others):
             continue
         rays = [_crossings(places[others], places, simplices) for places in (reference, points)]
-        others = others[rays[0] != rays[1]]  # a ray is cheap, and uncertain only from a node on the part
-        for some in np.array_split(others, -(-len(others) // _AT_ONCE) or 1):  # mostly the first is on the wrong side
+        others = others[rays[0] != rays[1]]  # a ray is cheap, and uncertain only from a node on the part itself
+        for some in np.array_split(others, -(-len(others) // _AT_ONCE) or 1):  # mostly the first
             before, after = (_windings(places[some], places, own) for places in (reference, points))
             sure = np.maximum(*(np.abs(each - np.round(each)) for each in (before, after))) < _ON_IT
             wrong = some[sure & (np.round(before) != np.round(after))]
@@ -91,7 +91,7 @@ def misplaced_place(
 def contact_place(
     facets: Mapping[str, Integers], touching: Integers, prescribed: Marks, reference: Floats, points: Floats
 ) -> Floats | None:
-    """The first place (d,) where facets that touch have crossed, None if there is none.
+    """The first place (d,) where touching facets have crossed, None if there is none.
 
     Parameters
     ----------
@@ -106,7 +106,7 @@ def contact_place(
     parts, whole = closed_parts(rows, prescribed, len(points))
     rows = rows[whole[parts]]
     touching = touching[np.isin(touching[:, 0], rows)]
-    if not len(touching):  # all are of parts with nodes that follow
+    if not len(touching):  # all facets are of parts with nodes that follow
         return None
     some, simplices = as_simplices(touching), as_simplices(rows)
     some = spread(some, _MOST_TOUCHING)
@@ -120,7 +120,7 @@ def contact_place(
 
 
 def _sides(chosen: Integers, points: Floats, simplices: Integers) -> Integers:
-    """(2, s, w) winding numbers of the boundary on the mesh's and on the other side of places of chosen simplices."""
+    """(2, s, w) winding numbers of the boundary at places on both sides of chosen simplices, the mesh's side first."""
     corners = points[chosen]
     normals = area_vectors(points, chosen if corners.shape[2] == 2 else np.insert(chosen, 3, -1, axis=1))
     size = np.linalg.norm(np.ptp(corners, axis=1), axis=1) * _NEAR
@@ -132,7 +132,7 @@ def _sides(chosen: Integers, points: Floats, simplices: Integers) -> Integers:
 
 
 def _crossings(probes: Floats, points: Floats, simplices: Integers) -> Integers:
-    """(p,) winding numbers of closed simplices (s, d) at places off them: how often a ray leaves minus enters them.
+    """(p,) winding numbers of closed simplices (s, d) at places off them: exits minus entries of a ray.
 
     Places that follow each other should be near each other.
     """
@@ -146,8 +146,8 @@ def _crossings(probes: Floats, points: Floats, simplices: Integers) -> Integers:
         places = block[:, 1:]
         near = np.flatnonzero(((low <= places.max(axis=0)) & (places.min(axis=0) < high)).all(axis=1))
         number, hit = np.nonzero(((low[near] <= places[:, None]) & (places[:, None] < high[near])).all(axis=2))
-        # the volume of a simplex and the probe has the sign of the side that the probe is on; with the simplex'
-        # corners replaced by the direction of the ray one by one, it says whether the ray goes through it
+        # the volume of a simplex and the probe has the sign of the side on which the probe is; with the direction of
+        # the ray in place of each of the simplex's corners in turn, it shows whether the ray goes through the simplex
         edges = corners[near[hit]] - block[number, None]
         side = np.sign(np.linalg.det(edges))
         through = np.ones(len(hit), dtype=bool)

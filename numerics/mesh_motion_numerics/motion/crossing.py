@@ -31,12 +31,12 @@ __all__ = ["NoMeshExists", "PossibleCrossing", "refuse_region"]
 
 
 class NoMeshExists(QualityRefused):
-    """The boundary forbids every mesh: no correction, way or boundary layer finds one.
+    """The boundary forbids every mesh: no correction, way or boundary layer can find one.
 
     Attributes
     ----------
     looked_for : int
-        How many kinds of faults were looked for until this one was found; 0 for nodes that meet or pass.
+        Number of kinds of faults that were tested until this one was found; 0 for nodes that meet or pass each other.
     """
 
     looked_for = 0
@@ -44,18 +44,18 @@ class NoMeshExists(QualityRefused):
 
 @dataclass(frozen=True, eq=False)
 class PossibleCrossing:
-    """The boundary of a mesh, which may cross itself.
+    """The boundary of a mesh, with tests for crossings.
 
     Attributes
     ----------
     reference : (n, d) array, mesh length unit
         Reference coordinates.
     facets : BoundaryFacets
-        With places that are known; those of a wall whose nodes slide are its reference places if no node of it moves.
+        The facets with known places; a wall whose nodes slide has its reference places if none of its nodes moves.
     known : (n,) bool array
-        Nodes with known places; nodes that slide in a plane leave its winding numbers as they are.
+        Nodes with known places; includes nodes that slide in a plane, because they do not change its winding numbers.
     sides : CoincidentSides
-        Of nodes with prescribed positions.
+        Sides with prescribed positions.
     """
 
     reference: Floats
@@ -84,7 +84,7 @@ class PossibleCrossing:
         return cls(reference, cells, roles, own, known, sides)
 
     def refuse_passing(self, points: Floats, targets: Floats, refusal: QualityRefused | None = None) -> None:
-        """Refuse it if two nodes at the same place in the reference mesh pass through each other: as below."""
+        """Refuse a mesh in which two nodes at the same reference place pass through each other; errors as below."""
         if not len(self.sides.pairs):
             return
         moved = points.copy()
@@ -101,7 +101,7 @@ class PossibleCrossing:
         Raises
         ------
         NoMeshExists
-            With the best quality, the worst cells and the details of an earlier ``refusal``.
+            The error has the best quality, the worst cells and the details of an earlier ``refusal``.
         """
         self.refuse_passing(points, targets, refusal)
         moved = self._moved(points, targets)
@@ -114,19 +114,19 @@ class PossibleCrossing:
                 raise certain
 
     def has_fault(self, points: Floats, targets: Floats, most: int) -> bool:
-        """Whether one of the first ``most`` kinds of faults is there: looking for all of them takes longer."""
+        """Whether one of the first ``most`` kinds of faults exists: testing all kinds takes longer."""
         faults = islice(self._faults(self._moved(points, targets)), most)
         return any(place is not None for _, place in faults)
 
     def _moved(self, points: Floats, targets: Floats) -> Floats:
-        """The mesh ``points`` (n, d) with its moving nodes at ``targets`` (k, d) and its sliding nodes as at rest."""
+        """The mesh ``points`` (n, d) with its moving nodes at ``targets`` (k, d) and its sliding nodes at rest."""
         moved = points.copy()
         moved[self.roles.sliding] = self.reference[self.roles.sliding]
         moved[self.roles.moving] = targets
         return moved
 
     def _refuse_meeting(self, moved: Floats, refusal: QualityRefused | None) -> None:
-        """Refuse nodes of ``moved`` (n, d) that meet and have cells between them, unlike two sides of a thin solid."""
+        """Refuse nodes of ``moved`` (n, d) that meet and have cells between them, unlike the sides of a thin solid."""
         pairs = met_nodes(self.reference, moved, self.roles.prescribed)
         inside = ~np.isin(pairs, self._boundary_nodes).all(axis=1)
         for one, other in pairs[inside | linked_by_cells(self.cells, pairs, len(moved))][:1].tolist():
@@ -139,20 +139,20 @@ class PossibleCrossing:
         return boundary_nodes(self.cells)
 
     def _faults(self, moved: Floats) -> Iterator[tuple[str, Floats | None]]:
-        """Each fault of a boundary with its nodes at ``moved`` (n, d), and a place (d,) that has it."""
+        """Yield each fault of a boundary with its nodes at ``moved`` (n, d), and a place (d,) of the fault."""
         near = near_facets(self.facets, moved)
         yield "cross itself", crossing_place(self.facets, moved, near)
         facets, reference = boundary_facets(self.cells), self.reference
         yield "turn inside out", overturned_place(facets, self.known, reference, moved)
         misplaced = misplaced_place(facets, self.known, self.roles.moving, reference, moved)
         yield "leave its side of another part", misplaced
-        if not len(self.sides.pairs):  # sides that touch at rest would cross after a shift
+        if not len(self.sides.pairs):  # sides that touch at rest would cross after a small shift
             yield "cross itself", straddling_place(self.facets, moved, near)
         touching = touching_facets(self.facets, moved, near)
         yield "touch or cross itself", contact_place(facets, touching, self.known, reference, moved)
         yield "touch or cross itself", meeting_place(facets, touching, moved)
         if len(self.roles.periodic):
-            # periodic sides bend, and a body may pass beyond them; but a wall that stays is between them
+            # periodic sides bend, and a body may pass beyond them; but a fixed wall separates them
             still = touching[~(self.facets.moving[touching] & (touching >= 0)).any(axis=1)]
             known = self.known.copy()
             known[self.roles.periodic] = True
@@ -162,20 +162,20 @@ class PossibleCrossing:
 def refuse_region(
     cells: CellTable, moving: Integers, held: Integers, reference: Floats, positions: Floats, refusal: QualityRefused
 ) -> None:
-    """As :meth:`PossibleCrossing.refuse`, in a part of a mesh: for facets that go through each other, and for nodes
-    that leave their side of a part of the boundary that is there as a whole.
+    """The same as :meth:`PossibleCrossing.refuse` in a part of a mesh: for facets that go through each other, and for
+    nodes that leave their side of a boundary part that is complete there.
 
     Parameters
     ----------
     moving, held : (k,), (h,) int64 arrays
-        Moving nodes; all nodes on patches. A facet of these between two cells, one of which is not in the part, must
-        go through nothing either.
+        Moving nodes; all nodes on patches. A facet of these nodes between two cells, one of which is outside the part,
+        must not cross others either.
     reference, positions : (n, d) arrays, mesh length unit
 
     Raises
     ------
     NoMeshExists
-        With the best quality, the worst cells and the details of the ``refusal``.
+        The error has the best quality, the worst cells and the details of the ``refusal``.
     """
     facets, known = boundary_facets(cells), np.zeros(len(positions), dtype=bool)
     known[held] = True
@@ -190,7 +190,7 @@ def refuse_region(
 
 
 def _on_planes(sliding: SlidingSurfaces | None, away: Integers) -> Integers:
-    """(s,) nodes that slide in planes only, on pieces without a node of ``away``."""
+    """(s,) nodes that slide only in planes, on pieces without a node of ``away``."""
     if sliding is None:
         return np.empty(0, dtype=np.int64)
     others = [p.nodes for p in sliding.pieces if p.normal is None or np.isin(away, p.nodes).any()]
@@ -198,7 +198,7 @@ def _on_planes(sliding: SlidingSurfaces | None, away: Integers) -> Integers:
 
 
 def _no_mesh(fault: str, refusal: QualityRefused | None, details: Mapping[str, object] | None = None) -> NoMeshExists:
-    """The error for a boundary with this fault, with what an earlier refusal found."""
+    """Return the error for a boundary with this fault, with the results of an earlier refusal."""
     known = refusal or QualityRefused("")
     return NoMeshExists(
         f"no valid mesh exists: the boundary would {fault}",

@@ -1,7 +1,7 @@
 """Displacements and the resulting coordinates: of the boundary in a request, of all nodes in a reply.
 
-The arrays are as large as the mesh, so each is written once or, where only few numbers change, in place. Nothing is
-summed, so the results are the same for any number of threads.
+The arrays are as large as the mesh, so each is written once or, if only few numbers change, in place. There are no
+sums, so the results are the same for any number of threads.
 """
 
 from typing import NamedTuple
@@ -21,7 +21,7 @@ class BoundaryDisplacement(NamedTuple):
     displacement: Floats
 
     def at(self, fraction: float) -> Floats:
-        """(k, d) positions after a fraction of the displacement."""
+        """(k, d) positions of the moving nodes after a fraction of the displacement."""
         return self.origin + fraction * self.displacement
 
 

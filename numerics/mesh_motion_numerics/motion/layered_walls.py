@@ -1,9 +1,9 @@
-"""Layers of thin cells on the moving walls: where a mesh has them, and whether a motion would spoil them.
+"""Layers of thin cells on the moving walls: their places in a mesh, and whether a motion would spoil them.
 
-A wall is layered where its cells are much longer than high in every direction along it. Interpolation alone preserves
-such cells where other boundaries are far away. In a narrow passage the field changes so fast near the wall that the
-cells lean over and change their height. Then the layer moves with its wall (:mod:`.boundary_layer`), up to the height
-of the thin cells, at most their length.
+A wall is layered where its cells are much longer than high, in every direction along the wall. Interpolation alone
+preserves such cells where other boundaries are far away. In a narrow passage the field changes so fast near the wall
+that the cells lean over and change their height. Then the layer moves with its wall (:mod:`.boundary_layer`); its
+thickness is the height of the thin cells, at most their length.
 """
 
 from __future__ import annotations
@@ -26,13 +26,14 @@ from mesh_motion_numerics.motion.boundary_layer import BoundaryLayer
 __all__ = ["LayeredWalls"]
 
 
-#: Least ratio of the edges along the wall to the height of a thin cell.
+#: Smallest ratio of the edges along the wall to the height of a thin cell.
 _THIN = 5.0
-#: Least share of a layered wall's nodes with thin cells above them.
+#: Smallest share of a layered wall's nodes that have thin cells above them.
 _LAYERED = 0.3
-#: Change of a first edge's length, and its turn against the wall in radians, that a motion may cause.
+#: Largest change of a first edge's length, and largest turn against the wall in radians, that a motion may cause.
 _STRETCH, _TURN = 0.005, 0.008
-#: Percentile of the heights of the thin cells above layered nodes, and of the edges along the wall: the smaller counts.
+#: Percentile of the heights of the thin cells above layered nodes, and of the edges along the wall: the smaller is
+#: used.
 _HEIGHT = 25.0
 _MOST_LAYERS = 200
 
@@ -48,7 +49,7 @@ class LayeredWalls:
     rows : (k,) int64 array
         Layered nodes, as rows of the wall's nodes.
     above : (k,) int64 array
-        The node at the other end of each one's first edge: the shortest that leaves the wall.
+        The node at the other end of each node's first edge, which is the shortest edge that leaves the wall.
     along : (n,) array, mesh length unit
         Shortest edge along the wall at each of its nodes.
     """
@@ -74,7 +75,7 @@ class LayeredWalls:
     ) -> LayeredWalls | None:
         """Build them for a checked mesh; None if no moving wall has layers.
 
-        ``facets`` (f, k) of the whole boundary by type are given where the ``cells`` are those near the walls alone.
+        ``facets`` (f, k), of the whole boundary by type, are needed if ``cells`` are only the cells near the walls.
         """
         facets = boundary_facets(cells) if facets is None else facets
         wall = MovingWall.of_patches(points, facets, patches)
@@ -90,7 +91,7 @@ class LayeredWalls:
         return cls(points, cells, facets, patches, sliding, wall, rows, above[wall.nodes[rows]], along)
 
     def spoiled_by(self, moved: Floats) -> bool:
-        """Whether at positions (n, d) a first edge has changed its length or direction by more than is allowed."""
+        """Whether at positions (n, d) a first edge has changed its length or direction by more than allowed."""
         feet = self.wall.nodes[self.rows]
         turn = self.wall.rotations(moved[self.wall.nodes])[self.rows]
         before = np.einsum("kij,kj->ki", turn, self.points[self.above] - self.points[feet])
@@ -114,7 +115,7 @@ class LayeredWalls:
 
     @property
     def reach(self) -> float:
-        """How far from the wall a node of the layer may be, before the cells there are known; mesh length unit."""
+        """Upper limit for the distance of a layer's nodes from the wall, without their cells; mesh length unit."""
         along = np.percentile(self.along[self.wall.nodes[self.rows]], _HEIGHT, method="nearest")
         return furthest(float(along), self.points.shape[1])
 
@@ -165,7 +166,7 @@ def _squares(points: Floats, ends: Shorts) -> Floats:
 
 
 def _first_edges(points: Floats, cells: CellTable, on_wall: Marks) -> tuple[Integers, Floats, Floats]:
-    """For each node on the wall: end and length of its shortest edge off the wall, and length of that along it."""
+    """For each node on the wall: end and length of its shortest edge off the wall, length of the shortest along it."""
     above, height = np.full(len(points), -1), np.full(len(points), np.inf)
     along = np.full(len(points), np.inf)
     for block in cells:
@@ -177,7 +178,7 @@ def _first_edges(points: Floats, cells: CellTable, on_wall: Marks) -> tuple[Inte
             for a, b in ((0, 1), (1, 0)):
                 np.minimum.at(along, pairs[both, a], length[both])
                 off = on_wall[pairs[:, a]] & ~on_wall[pairs[:, b]]
-                order = np.lexsort((pairs[off, b], length[off]))[::-1]  # the shortest is written last
+                order = np.lexsort((pairs[off, b], length[off]))[::-1]  # written last, so the shortest remains
                 shorter = length[off][order] <= height[pairs[off, a][order]]
                 chosen = order[shorter]
                 height[pairs[off, a][chosen]] = length[off][chosen]

@@ -33,7 +33,7 @@ def check_method(method: Method, points: Floats, roles: BoundaryRoles, *, period
     Parameters
     ----------
     method : Method
-        As chosen, radii not filled in.
+        The method as chosen by the user, before missing radii are set.
     points : (n, d) array, mesh length unit
     periodic : bool
         Whether the mesh has periodic patches.
@@ -61,7 +61,7 @@ def check_method(method: Method, points: Floats, roles: BoundaryRoles, *, period
 
 def _checked_basis(method: Method, dimension: int) -> Basis:
     """The basis function, if it has the gradients and the shape parameter that the method needs."""
-    # above 1D the imposed gradient is that of cells, not of the field
+    # above 1D the imposed gradient is that of cells, and not of the field
     with _naming("basis", method):
         basis = basis_named(method.basis, gradient=method.correction == "imposed-gradient" and dimension == 1)
     if basis.radius_meaning == "shape":
@@ -72,7 +72,7 @@ def _checked_basis(method: Method, dimension: int) -> Basis:
 
 @contextmanager
 def _naming(setting: str, method: Method) -> Iterator[None]:
-    """Attribute an invalid input raised inside to this setting, and name the setting in the message."""
+    """Attribute an invalid input raised inside the block to this setting, and name the setting in the message."""
     try:
         yield
     except InvalidInput as error:

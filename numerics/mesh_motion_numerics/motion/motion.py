@@ -1,11 +1,12 @@
-"""One motion of one mesh, end to end: the data flow of every Move.
+"""One motion of one mesh, from end to end: the data flow of every Move.
 
 An *attempt* interpolates the boundary's displacement, judges the mesh, corrects it, judges it again, and accepts or
-refuses it. A second attempt follows a refused one: the mesh is led to its targets in sub-steps, which are attempts
-themselves, and corrected from there.
+refuses it. If the attempt is refused, a second one follows: the mesh is led to its targets in sub-steps, which are
+attempts themselves, and corrected there.
 
-Pure: the result depends on the model, the committed points and the targets; the factor cache only saves time. No node
-moves before a motion is accepted: an unacceptable motion raises an error with the best result found.
+The computation is pure: the result depends only on the model, the committed points and the targets; the factor cache
+only saves time. No node moves before a motion is accepted: an unacceptable motion raises an error with the best result
+found.
 """
 
 from __future__ import annotations
@@ -46,14 +47,14 @@ from mesh_motion_numerics.stopwatch import Stopwatch, check_time
 __all__ = ["MotionModel"]
 
 
-#: Share of the minimum quality without a boundary layer that a motion with the layer must have.
+#: Smallest share of the minimum quality without a boundary layer that a motion with the layer must have.
 _AS_GOOD = 0.9
-#: Share of the threshold below which a mesh is nearly inverted, so that the layer is not worth it.
+#: Share of the threshold below which a mesh is nearly inverted, so that the layer is not worth keeping.
 _NEARLY_INVERTED = 0.2
-#: Nodes that slide make nearly every mesh better. If the mesh is not as good as this …
+#: Nodes that slide improve nearly every mesh. If the mesh has a lower quality than this …
 _GOOD = 0.9
-#: … and worse by more than this with them, they stay. If it is about as good they slide: a wall whose nodes
-#: slide in one coupling iteration and stay in the next one disturbs the flow.
+#: … and is worse by more than this when they slide, they are held. If it is about equally good they slide: a wall whose
+#: nodes slide in one coupling iteration and are held in the next one disturbs the flow.
 _WORSE = 0.02
 #: A lower quality, which is the root of a size, is that of a cell whose size is only rounding, or close to it.
 _COLLAPSED = 1e-7
@@ -118,13 +119,13 @@ class MotionModel(DifferentiableMesh):
         Raises
         ------
         InvalidInput
-            When moving nodes leave a symmetry plane.
+            If moving nodes leave a symmetry plane.
         QualityRefused
-            When no valid mesh (or, if required, none at the threshold) was found; carries the best minimum quality, the
+            If no valid mesh (or, if required, none at the threshold) was found; carries the best minimum quality, the
             worst cells and the largest accepted fraction found of the ``boundary_displacement``, None if
             :func:`.time_limit` ended the search.
         Timeout
-            If that limit ended all else.
+            If that limit ended the motion itself.
         """
         leaving = self.rims.check(targets)
         step = _Step(committed, targets, MakeEachTime() if factors is None else factors)  # an empty cache is falsy
@@ -134,7 +135,7 @@ class MotionModel(DifferentiableMesh):
         except QualityRefused as refusal:
             if not _of_the_mesh(refusal):
                 raise
-            if self.method.correction == "none":  # all others have looked at the boundary before they corrected
+            if self.method.correction == "none":  # all other methods have tested the boundary before they corrected
                 refusal = self._impossible(step, refusal) or refusal
             origin = committed[self.roles.moving]
             whole = boundary_displacement or BoundaryDisplacement(origin, targets - origin)
@@ -154,7 +155,7 @@ class MotionModel(DifferentiableMesh):
     # --- the sequence ------------------------------------------------------------------------------------------------
 
     def _accept_or_lead(self, step: _Step) -> Motion:
-        """Attempt the step at once; if that is refused, lead the mesh to its targets and correct it from there."""
+        """Attempt the step at once; if it is refused, lead the mesh to its targets and correct it there."""
         if self.smooth is not None and self.method.correction == "smooth":
             return self._smooth_or_optimised(step, self.smooth)
         try:
@@ -165,7 +166,7 @@ class MotionModel(DifferentiableMesh):
             return self._led(step, refusal)
 
     def _led(self, step: _Step, refusal: QualityRefused | None = None) -> Motion:
-        """Lead the mesh to the targets of a step that was refused, and correct it from there."""
+        """Lead the mesh to the targets of a refused step, and correct it there."""
         watch = Stopwatch()
         with watch.phase("correct"):
             walk = self._lead(step, refusal)
@@ -178,8 +179,8 @@ class MotionModel(DifferentiableMesh):
     def _attempt(self, step: _Step) -> Motion:
         """One step: interpolate, judge, correct, judge, accept.
 
-        Layers of thin cells move with their wall only where interpolation or a correction may spoil them, and only if
-        the mesh is about as good so.
+        Layers of thin cells move with their wall only if interpolation or a correction may spoil them, and only if the
+        mesh then has about the same quality.
         """
         watch = Stopwatch()
         check_time()
@@ -202,7 +203,7 @@ class MotionModel(DifferentiableMesh):
         return alone if carried is None else max(carried, alone, key=lambda motion: motion.corrected.metric.min)
 
     def _carrying(self, step: _Step, layer: BoundaryLayer, watch: Stopwatch) -> Motion | None:
-        """The motion whose walls carry a layer; None if it is refused and one without the layer may not be."""
+        """The motion whose walls carry a layer; None if it is refused but one without the layer may be accepted."""
         try:
             return self._finish(step, self._interpolate(step, self.motion_with(layer), watch), watch)
         except NoMeshExists:
@@ -216,9 +217,9 @@ class MotionModel(DifferentiableMesh):
         return self._accept(predicted, correction, self._judge(predicted, correction, watch), watch)
 
     def _smooth_or_optimised(self, step: _Step, smooth: SmoothMotion) -> Motion:
-        """The smooth motion; where it finds no mesh, that of the correction which reaches most, with a warning.
+        """The smooth motion; if it finds no mesh, the motion with the correction that reaches most, with a warning.
 
-        A mesh that can be wound no further is unwound first.
+        A mesh that cannot be wound further is unwound first.
         """
         turns = None if self.winding is None else self.winding.turns(step.committed, step.targets)
         meant: list[tuple[Turns | None, tuple[str, ...]]] = [(turns, ())] if turns is None or turns.certain else []
@@ -236,7 +237,7 @@ class MotionModel(DifferentiableMesh):
         return replace(motion, warnings=[*motion.warnings, NOT_SMOOTH])
 
     def _smooth_attempt(self, step: _Step, smooth: SmoothMotion, turns: Turns | None) -> Motion:
-        """One step of the motion that is a smooth function of the boundary; layers move with their walls always."""
+        """One step of the motion that is a smooth function of the boundary; layers always move with their walls."""
         watch = Stopwatch()
         check_time()
         predicted = self._interpolate(step, self.carrying_layers, watch, turns)
@@ -271,7 +272,7 @@ class MotionModel(DifferentiableMesh):
     def _interpolate(
         self, step: _Step, motion: StandardMotion, watch: Stopwatch, turns: Turns | None = None
     ) -> _Predicted:
-        """Interpolate and judge."""
+        """Interpolate the motion and judge the mesh."""
         if len(self.coincident) and not self.method.allow_invalid:
             self.boundary.refuse_passing(step.committed, step.targets)
         predicted = self._predict(motion, step, watch, turns)
@@ -298,7 +299,7 @@ class MotionModel(DifferentiableMesh):
     def _plain(
         self, motion: StandardMotion, step: _Step, turns: Turns | None, fraction: float, watch: Stopwatch | None = None
     ) -> StandardTrial:
-        """The plain motion a fraction of the way of the bodies' turns; interpolation alone if they do not wind."""
+        """The plain motion after a fraction of the bodies' turns; interpolation alone if no body winds the mesh."""
         watch = watch or Stopwatch()
         if turns is None or self.winding is None:
             return motion.trial(step.committed, step.targets, step.factors, watch)
@@ -307,7 +308,7 @@ class MotionModel(DifferentiableMesh):
         return replace(trial, points=wind(trial.points))
 
     def _layer_for(self, plain: _Predicted) -> BoundaryLayer | None:
-        """The boundary layer that the motion without one may spoil."""
+        """The boundary layer that a motion without it may spoil."""
         if self.layered is None:
             return None
         bad = plain.quality.metric.min < self.method.quality_threshold and self.method.correction != "none"
@@ -370,14 +371,14 @@ class MotionModel(DifferentiableMesh):
         """Lead the mesh to its targets along the first of the bodies' ways on which it stays valid.
 
         Each leg (:mod:`.sub_steps`) is an attempt from the mesh of the leg before, corrected up to the threshold. The
-        first leg starts from the mesh that the method's displacement refers to: the committed mesh or the reference
-        mesh. So the result depends on that mesh and the targets only.
+        first leg starts from the mesh to which the method's displacement refers: the committed mesh or the reference
+        mesh. So the result depends only on that mesh and on the targets.
 
         Raises
         ------
         QualityRefused
-            When the boundary crosses itself at the targets, or no way leads there: says how far the mesh stayed valid.
-            Includes the details of the ``refusal`` of a single step, if there was one.
+            If the boundary crosses itself at the targets, or no way leads there; the message says how far the mesh
+            stayed valid. Includes the details of the ``refusal`` of a single step, if there was one.
         """
         start = step.committed if self.method.displacement == "relative" else self.points
         self.boundary.refuse(start, step.targets, refusal)
@@ -389,7 +390,7 @@ class MotionModel(DifferentiableMesh):
 
         def move(points: Floats, waypoint: Floats) -> Leg:
             self.boundary.refuse(points, waypoint)
-            factors = step.factors if points is start else MakeEachTime()  # coupling iterations share the start's
+            factors = step.factors if points is start else MakeEachTime()  # shared by coupling iterations
             found = alike._attempt(_Step(points, waypoint, factors))
             return Leg(found.points, found.standard.inverted == 0, found.correction.iterations)
 
@@ -407,17 +408,17 @@ class MotionModel(DifferentiableMesh):
         return walk
 
     def _ways(self, origin: Floats, targets: Floats) -> Iterator[Way]:
-        """Ways for the moving nodes (k, d); periodic nodes must move alike, so their displacement is only scaled."""
+        """Ways for the moving nodes (k, d); periodic nodes must move together, so their displacement is only scaled."""
         if self.standard_motion.periodic is not None:
             return iter([straight_way(origin, targets)])
         return ways(origin, targets, self.bodies)
 
     def _other_unit(self, targets: Floats) -> str:
-        """The question whether the targets (k, d) are in the unit of the mesh, where that is in doubt."""
+        """Ask whether the targets (k, d) are in the unit of the mesh, if that is in doubt."""
         return other_unit(self.points, targets - self.points[self.roles.moving])
 
     def _impossible(self, step: _Step, refusal: QualityRefused | None = None) -> NoMeshExists | None:
-        """The refusal of a boundary that forbids every mesh, with the details of an earlier one; None of any other."""
+        """The refusal if the boundary forbids every mesh, with the details of an earlier refusal; else None."""
         try:
             self.boundary.refuse(step.committed, step.targets, refusal)
         except NoMeshExists as certain:
@@ -425,7 +426,7 @@ class MotionModel(DifferentiableMesh):
         return None
 
     def _acceptable_fraction(self, step: _Step, whole: BoundaryDisplacement, refusal: QualityRefused) -> float:
-        """A fraction of the ``whole`` displacement that is accepted, which has met with this refusal."""
+        """An accepted fraction of the ``whole`` displacement, which was refused with this error."""
 
         def accepts(model: MotionModel, fraction: float) -> bool:
             try:
@@ -435,21 +436,21 @@ class MotionModel(DifferentiableMesh):
             return True
 
         method = self.method
-        enough = self.with_method(correction_target="threshold")  # more costs much and accepts nothing else
+        enough = self.with_method(correction_target="threshold")  # more costs much and gives the same
         if method.correction == "smooth" and method.sub_steps == "auto" and not method.refuse_below_threshold:
-            # what no smooth motion reaches is corrected so, up to the threshold, or led there if that fails
+            # a fraction that no smooth motion reaches is corrected up to the threshold, or led there if that fails
             valid = min(method.quality_threshold, _VALID)
             enough = enough.with_method(correction="optimised", quality_threshold=valid)
         direct = enough.with_method(sub_steps="never")
         plain = self.with_method(sub_steps="never", correction="none")
         plain = replace(plain.without_distributions(), layered=None)
-        # a correction of one valid mesh leaves it as it is where it finds no better one
+        # a correction leaves a valid mesh unchanged if it finds no better one
         certain = not method.refuse_below_threshold and method.correction != "smooth"
         exists, kinds = not isinstance(refusal, NoMeshExists), getattr(refusal, "looked_for", 0)
 
         def possible(fraction: float) -> bool:
             targets = whole.at(fraction)
-            if kinds:  # the same fault, mostly; all are looked for where a motion is tried
+            if kinds:  # mostly the same kind of fault; all kinds are tested when a motion is tried
                 return not self.boundary.has_fault(step.committed, targets, kinds)
             return self._impossible(replace(step, targets=targets)) is None
 
@@ -464,8 +465,10 @@ class MotionModel(DifferentiableMesh):
         )
 
     def _expected(self, step: _Step, whole: BoundaryDisplacement) -> Callable[[float], bool] | None:
-        """Whether the plain motion probably accepts a fraction of the ``whole`` displacement, by the cells that it
-        does not accept at its end; None if it is not nearly linear in the displacement, or has no such cells.
+        """Estimate whether the plain motion accepts a fraction of the ``whole`` displacement.
+
+        The estimate uses the cells that are not acceptable at the end of the displacement. None if the motion is not
+        nearly linear in the displacement, or has no such cells.
         """
         plain = self.standard_motion
         if self.method.displacement == "reanchored" or not len(self.roles.fixed):

@@ -1,4 +1,4 @@
-"""The result of one motion of a mesh: positions, qualities, what the correction did, and what it cost."""
+"""The result of one motion of a mesh: positions, qualities, the result of the correction, and the cost."""
 
 from dataclasses import dataclass
 
@@ -22,14 +22,14 @@ class Motion:
     standard, corrected : QualitySummary, or LowestQuality of a model without distributions
         Predicted before any node moved: by the standard motion, and after the correction.
     correction : Correction
-        What the correction did.
+        Result of the correction.
     reached : bool
         Whether ``corrected`` is at or above the threshold.
     seconds : dict
         Wall time of ``solve``, ``predict``, ``correct``, ``displace`` and their ``total``.
     caches : dict
-        ``"reused"`` or ``"made"`` for each cached kind (``factorization``, ``operators``), which depend on the state
-        alone; ``bytes``: the cache's size for each kind; and entries that a model adds.
+        ``"reused"`` or ``"made"`` for each cached kind (``factorization``, ``operators``), all of which depend only on
+        the state; ``bytes``: the cache's size for each kind; and entries that a model adds.
     control_points : (nc,) int64 array
         Nodes from which the standard motion was interpolated.
     support_radius : float
@@ -37,7 +37,7 @@ class Motion:
     sub_steps : int
         Legs in which the mesh was led there; 1 for a direct motion.
     field : Interpolant or TwoScaleInterpolant, optional
-        The displacement anywhere, if the volume lies elsewhere: then the qualities are not known.
+        The displacement as a field, if the volume is in other processes: then the qualities are not known.
     """
 
     points: Floats

@@ -1,9 +1,9 @@
 """The motion as a function of the moving nodes' positions, differentiated: J v, and Jᵀ w.
 
-What can be differentiated is the motion that is a function of where the boundary is: the total displacement
-interpolated from the reference mesh (``displacement = "absolute"``), plain or with the correction ``"smooth"``. Each
-step of the motion is a linear map here, in the order of :meth:`.StandardMotion.trial`, and the transpose runs through
-the same maps backwards. Vectors are (nodes, d) arrays: velocities forwards, weights of positions backwards.
+A motion can be differentiated if it is a function of the boundary's position: the total displacement interpolated from
+the reference mesh (``displacement = "absolute"``), without a correction or with ``"smooth"``. Each step of the motion
+is a linear map here, in the order of :meth:`.StandardMotion.trial`, and the transpose runs through the same maps
+backwards. Vectors are (nodes, d) arrays: velocities forwards, weights of positions backwards.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from mesh_motion_numerics.stopwatch import Stopwatch
 __all__ = ["DifferentiableMesh", "MotionSlope", "PlainSlope", "motion_slope", "plain_slope", "why_no_slope"]
 
 
-#: Of the extent: nodes as close are at the same place.
+#: Share of the extent: nodes this close are at the same place.
 _SAME = 1e-9
 
 
@@ -45,9 +45,9 @@ class MotionSlope:
     Attributes
     ----------
     smooth : SmoothSlope or None
-        Of the correction; None without one.
+        Derivative of the correction; None without one.
     winding : WindingSlope or None
-        Of what winds the plain motion; None if no body has turned by more than a quarter turn.
+        Derivative of the winding of the plain motion; None if no body has turned by more than a quarter turn.
     """
 
     plain: PlainSlope
@@ -55,7 +55,7 @@ class MotionSlope:
     winding: WindingSlope | None = None
 
     def tangent(self, velocity: Floats) -> Floats:
-        """(n, d) J v: velocities of all nodes, for those (k, d) of the moving nodes in their order."""
+        """(n, d) J v: velocities of all nodes for velocities (k, d) of the moving nodes, in their order."""
         winding, later = self.winding, 0.0
         if winding is None:
             plain = self.plain.apply(velocity)
@@ -76,13 +76,13 @@ class MotionSlope:
 class DifferentiableMesh(PreparedMesh):
     """A prepared mesh, and the derivative of its motion.
 
-    ``_latest``: the latest plain motions, which the next step and a derivative begin with.
+    ``_latest``: the latest plain motions, with which the next step and a derivative begin.
     """
 
     _latest: LatestPlain = field(default_factory=LatestPlain)
 
     def why_no_slope(self) -> InvalidInput | None:
-        """What keeps the motion from having a derivative; None if it has one."""
+        """The reason why the motion has no derivative; None if it has one."""
         return why_no_slope(self.carrying_layers)
 
     def slope(self, points: Floats, factors: FactorSource) -> MotionSlope:
@@ -91,9 +91,9 @@ class DifferentiableMesh(PreparedMesh):
         Raises
         ------
         InvalidInput
-            If it has none.
+            If the motion has no derivative.
         QualityRefused
-            If the mesh was corrected in another way.
+            If the mesh was corrected by another correction.
         """
         refusal = self.why_no_slope()
         if refusal is not None:
@@ -115,14 +115,14 @@ class DifferentiableMesh(PreparedMesh):
             plain = self._latest.at(targets, lambda: plain_of(layered))
             return motion_slope(layered, self.smooth, plain, points, factors)
         candidates += [replace(one, sliding=one.sliding.held()) for one in candidates if one.sliding is not None]
-        for motion in candidates:  # whether layers were carried, and nodes slid, the mesh says
+        for motion in candidates:  # the mesh shows whether layers were carried and nodes slid
             plain = plain_of(motion)
             if np.abs(plain - points).max() <= _SAME * np.ptp(bounding_box(self.points), axis=0).max():
                 return motion_slope(motion, None, plain, points, factors)
         raise not_at_minimum()
 
     def _wound_slope(self, points: Floats, turns: Turns, factors: FactorSource) -> MotionSlope:
-        """That at ``points`` (n, d) which bodies may have wound; turns that are uncertain are the least."""
+        """The derivative at ``points`` (n, d) that bodies may have wound; uncertain turns are the smallest ones."""
         winding, motion, targets = self.winding, self.carrying_layers, points[self.roles.moving]
         assert winding is not None
         assert self.smooth is not None
@@ -132,7 +132,7 @@ class DifferentiableMesh(PreparedMesh):
             back, wind = winding.winds(targets, meant, 1.0)
             plain = motion.trial(self.points, back, factors, Stopwatch()).points
             smooth, wound = copy(self.smooth.later(winding.sheared(meant))), wind(plain)
-            with suppress(QualityRefused):  # the other turns may have led there
+            with suppress(QualityRefused):  # the other turns may have led to these points
                 found = SmoothSlope.build(smooth, wound, points)
                 slope = WindingSlope.build(winding, meant, targets, plain)
                 return MotionSlope(plain_slope(motion, plain, factors), found, slope)
@@ -140,7 +140,7 @@ class DifferentiableMesh(PreparedMesh):
 
 
 def why_no_slope(motion: StandardMotion) -> InvalidInput | None:
-    """What of a method or a mesh keeps its motion from having a derivative; None if it has one."""
+    """The reason in a method or a mesh why its motion has no derivative; None if it has one."""
     method = motion.method
     named = {"displacement": ("absolute",), "correction": ("none", "smooth"), "reduction": ("none",)}
     for key, allowed in named.items():
@@ -157,38 +157,38 @@ def why_no_slope(motion: StandardMotion) -> InvalidInput | None:
 def motion_slope(
     motion: StandardMotion, smooth: SmoothMotion | None, plain: Floats, points: Floats, factors: FactorSource
 ) -> MotionSlope:
-    """The derivative at a mesh.
+    """Return the derivative at a mesh.
 
     Parameters
     ----------
     smooth : SmoothMotion or None
         The correction that followed.
     plain, points : (n, d) arrays, mesh length unit
-        Where the motion alone, and with its correction, has led.
+        Results of the motion alone, and with its correction.
 
     Raises
     ------
     QualityRefused
-        If the mesh was corrected in another way.
+        If the mesh was corrected by another correction.
     """
     slope = plain_slope(motion, plain, factors)
     return MotionSlope(slope, None if smooth is None else SmoothSlope.build(smooth, plain, points))
 
 
 def plain_slope(motion: StandardMotion, plain: Floats, factors: FactorSource) -> PlainSlope:
-    """The derivative where a motion alone has led, which is to ``plain`` (n, d).
+    """Return the derivative of a motion without correction that has led to ``plain`` (n, d).
 
     Raises
     ------
     QualityRefused
-        If it has none there.
+        If there is no derivative at these points.
     """
     _refuse_held_order(motion, plain[motion.roles.moving], plain, factors)
     return PlainSlope.build(motion, plain, factors)
 
 
 def _refuse_held_order(motion: StandardMotion, targets: Floats, plain: Floats, factors: FactorSource) -> None:
-    """Raise if nodes slide less than they would, so that none passes the end of its wall: there is a kink."""
+    """Raise if nodes are stopped from passing the end of their wall: the motion has a kink there."""
     if motion.sliding is None or not motion.sliding.lines:
         return
     loose = replace(motion, sliding=replace(motion.sliding, lines=()))
@@ -218,8 +218,8 @@ class _Linear:
 class PlainSlope:
     """The derivative of the standard motion.
 
-    ``steps`` set rows of all nodes' velocities from the rows before; the last interpolation leads to all nodes, and
-    ``tied`` places periodic images by their roots.
+    ``steps`` set rows of all nodes' velocities from earlier rows; the last interpolation gives all nodes, and ``tied``
+    places periodic images by their roots.
     """
 
     motion: StandardMotion
@@ -230,7 +230,7 @@ class PlainSlope:
 
     @classmethod
     def build(cls, motion: StandardMotion, plain: Floats, factors: FactorSource) -> PlainSlope:
-        """That where the motion has led, which is to ``plain`` (n, d)."""
+        """Build the derivative of the motion that has led to ``plain`` (n, d)."""
         roles, layer = motion.roles, motion.layer
         steps, known = [], roles.all
         if layer is not None:
@@ -242,7 +242,7 @@ class PlainSlope:
         return cls(motion, tuple(steps), outer, known, _of_images(motion))
 
     def apply(self, velocity: Floats) -> Floats:
-        """(n, d) velocities of all nodes for (k, d) of the moving ones."""
+        """(n, d) velocities of all nodes for velocities (k, d) of the moving nodes."""
         rows = np.zeros_like(self.motion.reference)
         rows[self.motion.roles.moving] = velocity
         for step in self.steps:
@@ -253,7 +253,7 @@ class PlainSlope:
         return out
 
     def transpose(self, weights: Floats) -> Floats:
-        """(k, d) weights of the moving nodes for (n, d) of all."""
+        """(k, d) weights of the moving nodes for weights (n, d) of all nodes."""
         free, rows = weights.copy(), np.zeros_like(weights)
         self.tied.transpose(free)
         rows[self.known] = free[self.known]
@@ -266,7 +266,7 @@ class PlainSlope:
 
 @dataclass(frozen=True, eq=False)
 class _Interpolated:
-    """The interpolation from control nodes (c,) to places (p, d): without fixed nodes around the best rigid motion."""
+    """The interpolation from control nodes (c,) to places (p, d), around the best rigid motion if no node is fixed."""
 
     controls: Integers
     map: InterpolationMap
@@ -282,7 +282,7 @@ class _Interpolated:
         factors: FactorSource,
         left_out: Integers | None = None,
     ) -> _Interpolated:
-        """That of a motion of its control nodes from rest to ``goal`` (n, d), but for the rows ``left_out``."""
+        """Build it for a motion of its control nodes from rest to ``goal`` (n, d), without the rows ``left_out``."""
         made = interpolation_map(motion.factorized(controls, factors), places, factors, left_out=left_out)
         rigid = None if len(motion.roles.fixed) else rigid_slope(motion, controls, goal, places)
         return cls(controls, made, rigid)
@@ -295,13 +295,13 @@ class _Interpolated:
         return places + self.map.apply(values - carried)
 
     def add_transposed(self, weights: Floats, rows: Floats) -> None:
-        """Add to all nodes' ``rows`` (n, d) what those of the control nodes count for (p, d) weights of the places."""
+        """Add to all nodes' ``rows`` (n, d) the derivatives by the control nodes, for (p, d) weights of the places."""
         values = self.map.transpose(weights)
         rows[self.controls] += values if self.rigid is None else values + self.rigid.transpose(-values, weights)
 
 
 def _of_layer(motion: StandardMotion, prescribed: Floats) -> _Linear:
-    """A layer's nodes follow their wall."""
+    """The step in which a layer's nodes follow their wall."""
     layer = motion.layer
     assert layer is not None
     wall, nodes, d = layer.wall.nodes, layer.nodes, prescribed.shape[1]
@@ -319,7 +319,7 @@ def _of_layer(motion: StandardMotion, prescribed: Floats) -> _Linear:
 
 
 def _of_walls(motion: StandardMotion, plain: Floats, factors: FactorSource) -> list[_Linear]:
-    """The nodes of walls follow, projected onto them."""
+    """The step in which the nodes of walls follow, projected onto the walls."""
     steps, rest, layer = [], motion.reference, motion.layer
     for followed, wall in motion.walls():
         own = wall if layer is None else wall.of(~layer.known[wall.nodes])
@@ -334,11 +334,11 @@ def _of_walls(motion: StandardMotion, plain: Floats, factors: FactorSource) -> l
 
 
 def _nothing(_rows: Floats) -> None:
-    """No node moves as another one."""
+    """A step without effect: no node follows another one."""
 
 
 def _of_images(motion: StandardMotion) -> _Linear:
-    """Periodic images move as their roots; moving nodes go to their targets."""
+    """The step in which periodic images move like their roots, and moving nodes go to their targets."""
     if motion.periodic is None:
         return _Linear(_nothing, _nothing)
     orbits = motion.periodic.of(~np.isin(motion.periodic.members, motion.roles.moving))
@@ -356,7 +356,7 @@ def _of_images(motion: StandardMotion) -> _Linear:
 
 
 def _of_wall(nodes: Integers, onto: Floats, following: _Interpolated | None) -> _Linear:
-    """The nodes of one wall, which follow, projected by ``onto`` (k, d, d), or stay."""
+    """The nodes of one wall, which follow and are projected by ``onto`` (k, d, d), or are held."""
 
     def apply(rows: Floats) -> None:
         rows[nodes] = 0.0 if following is None else np.einsum("mij,mj->mi", onto, following.apply(rows))

@@ -1,8 +1,7 @@
-"""The motion of one layer of cells between two parallel planes: that of its plane, the same on both sides.
+"""The motion of one layer of cells between two parallel planes: that of the front plane, equal on both planes.
 
-In space, every node of such a mesh slides, and a patch of both planes is neither planar nor smooth. So the mesh is
-moved and judged in the plane (:mod:`~mesh_motion_numerics.mesh.one_layer`), as between OpenFOAM's `empty`
-patches.
+In 3D every node of such a mesh slides, and a patch on both planes is neither planar nor smooth. So the mesh is moved
+and judged in 2D (:mod:`~mesh_motion_numerics.mesh.one_layer`), as between OpenFOAM's `empty` patches.
 """
 
 from __future__ import annotations
@@ -33,15 +32,14 @@ __all__ = ["AS_A_PLANE", "OneLayerMotion", "OneLayerSlope", "motion_model"]
 
 #: The warning that such a mesh gets.
 AS_A_PLANE = "the mesh is one layer of cells between two parallel planes: it is moved in the plane, both sides alike"
-#: Displacements across the layer, and differences between its two sides, count as rounding up to this share of the
-#: extent.
+#: Displacements across the layer, and differences between its two planes, are rounding up to this share of the extent.
 _ROUNDING = 1e-9
 
 
 def motion_model(
     points: Floats, cells: CellTable, patches: Mapping[str, Patch], method: Method
 ) -> MotionModel | OneLayerMotion:
-    """The model of a mesh, in the plane if it is one layer between sliding planes; errors as its own."""
+    """The model of a mesh, in 2D if the mesh is one layer between sliding planes; errors as in the model."""
     if cells.dimension == 3:
         checked = checked_mesh(points, cells, patches)
         layer = OneLayer.find(points, checked.cells, patches)
@@ -54,18 +52,18 @@ def motion_model(
 
 @dataclass(frozen=True, eq=False)
 class OneLayerMotion:
-    """A mesh of one layer and the model of its plane.
+    """A mesh of one layer, and the 2D model of its plane.
 
     Attributes
     ----------
     points : (n, 3) array, mesh length unit
         Reference coordinates.
     cells : CellTable
-        In space; the plane's have the same numbers.
+        The 3D cells; the plane's cells have the same numbers.
     plane : MotionModel
-        Of the nodes in front; those behind are in none of its cells.
+        Model of the front nodes; the back nodes are in none of its cells.
     moving : (k,) int64 array
-        Nodes of the moving patches, in front and behind.
+        Nodes of the moving patches, on the front and the back plane.
     """
 
     points: Floats
@@ -77,7 +75,7 @@ class OneLayerMotion:
 
     @property
     def method(self) -> Method:
-        """With both radii filled in."""
+        """The method with both radii set."""
         return self.plane.method
 
     def summary(self, points: Floats) -> Judgement:
@@ -85,7 +83,7 @@ class OneLayerMotion:
         return self._in_space(self.plane.summary(self.layer.project(points)), points)
 
     def headroom(self, way: Floats, points: Floats) -> Headroom:
-        """As :meth:`.PreparedMesh.headroom`, of the plane."""
+        """The result of :meth:`.PreparedMesh.headroom` for the plane."""
         before, now = (self.layer.project(places) for places in (points - way, points))
         return self.plane.headroom(now - before, now)
 
@@ -137,7 +135,7 @@ class OneLayerMotion:
         )
 
     def why_no_slope(self) -> InvalidInput | None:
-        """What keeps the motion from having a derivative; None if it has one."""
+        """The reason why the motion has no derivative; None if it has one."""
         return self.plane.why_no_slope()
 
     def slope(self, points: Floats, factors: FactorSource) -> OneLayerSlope:
@@ -145,15 +143,15 @@ class OneLayerMotion:
         return OneLayerSlope(self, self.plane.slope(self.layer.project(points), factors))
 
     def _rows_in_front(self) -> Integers:
-        """For each moving node of the plane the first row of the moving nodes that belongs to it."""
+        """For each moving node of the plane, the first row of the moving nodes that belongs to it."""
         found, rows = np.unique(self.layer.front[self.moving], return_index=True)
         assert np.array_equal(found, self.plane.roles.moving)
         return np.asarray(rows, dtype=np.int64)
 
     def _check(self, moved: Floats, scale: float) -> None:
-        """Refuse displacements or velocities (k, 3) of the moving nodes that leave the plane or the opposite node.
+        """Refuse displacements or velocities (k, 3) with which moving nodes leave the plane or the opposite node.
 
-        ``scale`` says, as theirs, how large they are.
+        ``scale``: the magnitude of these vectors.
         """
         least = _ROUNDING * scale
         across = np.abs(moved - moved @ self.layer.axes.T @ self.layer.axes).max(axis=1, initial=0.0)
@@ -175,12 +173,12 @@ class OneLayerMotion:
                 )
 
     def _places(self, places: Floats) -> Floats:
-        """(k, 3) places in the middle of the layer, from their coordinates (k, 2) in the plane."""
+        """(k, 3) places in the middle of the layer, from the coordinates (k, 2) in the plane."""
         normal = np.cross(*self.layer.axes)
         return places @ self.layer.axes + np.outer(np.full(len(places), (self.points @ normal).mean()), normal)
 
     def _in_space(self, quality: Judgement, points: Floats) -> Judgement:
-        """The quality with the worst cells' centres in space, nodes at ``points`` (n, 3)."""
+        """The quality with the worst cells' centres in 3D, for nodes at ``points`` (n, 3)."""
         centres = self.cells.centres(points, np.array([cell.number for cell in quality.worst], dtype=np.int64))
         worst = tuple(
             replace(cell, centre=tuple(centre.tolist())) for cell, centre in zip(quality.worst, centres, strict=True)
@@ -192,14 +190,14 @@ class OneLayerMotion:
 class OneLayerSlope:
     """The derivative J of all nodes' positions by those of the moving nodes, which stay in their plane and opposite.
 
-    Of other velocities it takes this part. So Jᵀ w is such a motion, too.
+    From other velocities it uses only the part of this kind. So Jᵀ w is also of this kind.
     """
 
     model: OneLayerMotion
     plane: MotionSlope
 
     def tangent(self, velocity: Floats) -> Floats:
-        """(n, 3) J v: velocities of all nodes, for those (k, 3) of the moving nodes in their order.
+        """(n, 3) J v: velocities of all nodes for velocities (k, 3) of the moving nodes, in their order.
 
         Raises
         ------
@@ -221,17 +219,17 @@ class OneLayerSlope:
         return np.asarray(found[self._places] @ layer.axes)
 
     def _means(self, values: Floats) -> Floats:
-        """(k', 2) the plane's moving nodes' means of values (k, 2)."""
+        """(k', 2) means of values (k, 2) for the plane's moving nodes."""
         sums = np.zeros((len(self._counts), 2))
         np.add.at(sums, self._places, values)
         return np.asarray(sums / self._counts[:, None])
 
     @cached_property
     def _places(self) -> Integers:
-        """(k,) the row of the plane's moving nodes that each moving node belongs to."""
+        """(k,) for each moving node the row of the plane's moving node to which it belongs."""
         return np.searchsorted(self.model.plane.roles.moving, self.model.layer.front[self.model.moving])
 
     @cached_property
     def _counts(self) -> Integers:
-        """(k',) how many moving nodes belong to each of the plane's."""
+        """(k',) number of moving nodes that belong to each of the plane's moving nodes."""
         return np.bincount(self._places)

@@ -1,9 +1,9 @@
 """Detects parts of the boundary that meet in a point or along edges while the mesh is on one side of both.
 
 Two bodies that meet in their corners cross nothing, and the winding number is right at every place off the contact.
-But the cells at either corner fill all directions there in which its own facets leave the mesh, and where these
-directions are common to both corners the mesh would overlap itself. The two sides of a thin solid have none in common.
-The same holds where a corner meets a facet or an edge of another part, and where edges meet.
+But the cells at each corner fill all directions that its own facets leave to the mesh. If both corners have such
+directions in common, the mesh overlaps itself. The two sides of a thin solid have no direction in common. The same
+holds where a corner meets a facet or an edge of another part, and where edges meet.
 """
 
 from __future__ import annotations
@@ -23,17 +23,17 @@ from mesh_motion_numerics.mesh.smooth_pieces import area_vectors, as_simplices
 
 __all__ = ["meeting_place"]
 
-#: Places closer than this share of the facets' coordinates or sizes are one.
+#: Places closer than this share of the facets' coordinates or sizes are one place.
 _SAME = 1e-13
-#: Directions that differ by less are not certainly different.
+#: Directions that differ by less than this are not certainly different.
 _ALONG = 1e-6
-#: So many places are tested, spread over all.
+#: Number of tested places, spread over all.
 _MOST = 64
 
 
 @dataclass(frozen=True, eq=False)
 class _Star:
-    """The directions in which one connected part of the boundary leaves a place.
+    """The directions that one connected part of the boundary leaves to the mesh at a place.
 
     rays : (c, d − 1, d) unit vectors; each row spans a cone of directions, one ray in 2D
     outward : (c, d) unit normals, out of the mesh
@@ -43,12 +43,13 @@ class _Star:
     outward: Floats
 
     def holds(self, direction: Floats) -> bool:
-        """Whether the mesh of this part is certainly in a direction (d,)."""
+        """Whether a direction (d,) is certainly inside the mesh of this part."""
         near = int(np.argmax(self.middles @ direction))
         inside = self.middles[near] - _ALONG * self.outward[near]
         if self._distance(direction) < 10.0 * _ALONG:
             return False
-        # direction + t (inside − direction) = Σ weight · ray: how often the way to the mesh goes through the part
+        # direction + t (inside − direction) = Σ weight · ray: counts how often the line to the mesh goes through the
+        # part
         way = np.broadcast_to(direction - inside, (len(self.rays), 1, len(inside)))
         vectors = np.concatenate([self.rays, way], axis=1)
         vectors = vectors[np.abs(np.linalg.det(vectors)) > _ALONG**3]
@@ -63,7 +64,7 @@ class _Star:
         return np.asarray(middles / np.linalg.norm(middles, axis=1)[:, None])
 
     def _distance(self, direction: Floats) -> float:
-        """How far a direction (d,) is from the part's."""
+        """Distance of a direction (d,) from the part's directions."""
         weights = np.einsum("cij,i->cj", np.linalg.pinv(self.rays), direction)
         off = np.linalg.norm(direction - np.einsum("ci,cij->cj", weights, self.rays), axis=1)
         return float(off[(weights > -_ALONG).all(axis=1)].min(initial=np.inf))
@@ -128,7 +129,7 @@ def _contains(corners: Floats, place: Floats, tolerance: float) -> Marks:
 
 
 def _stars(rows: Integers, points: Floats, place: Floats, tolerance: float) -> Iterator[_Star]:
-    """The connected parts of simplices (a, d) at a place (d,), those that surround it there as a whole."""
+    """The connected parts of simplices (a, d) at a place (d,) that surround the place completely."""
     links = (rows[:, None, :, None] == rows[None, :, None, :]).any(axis=(2, 3))
     count, parts = connected_components(links, directed=False)
     for part in range(count):
@@ -142,7 +143,7 @@ def _stars(rows: Integers, points: Floats, place: Floats, tolerance: float) -> I
                 if np.linalg.norm(spanned, axis=1).min() <= tolerance:
                     continue
                 unit = spanned / np.linalg.norm(spanned, axis=1)[:, None]
-                if np.linalg.det(unit @ unit.T) > _ALONG**2:  # else the place is on the side
+                if np.linalg.det(unit @ unit.T) > _ALONG**2:  # otherwise the place is on the side
                     rays.append(unit)
                     outward.append(normal / max(float(np.linalg.norm(normal)), np.finfo(float).tiny))
                     ends += row[list(side)].tolist() if len(side) > 1 else [-1]

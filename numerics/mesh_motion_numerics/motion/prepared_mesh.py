@@ -1,4 +1,4 @@
-"""The data that every motion of a session needs and none changes: the reference mesh, its roles, and derived data."""
+"""The constant data that every motion of a session needs: the reference mesh, its roles, and derived data."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -41,9 +41,10 @@ class PreparedMesh:
     points : (n, d) array
         Reference coordinates, mesh length unit.
     method : Method
-        With both radii filled in.
+        The method with both radii set.
     reference_sizes : (m,) array or CellsAtRest
-        Summed corner determinants of the reference cells: the w of thesis (3.21); with their skews if these count.
+        Summed corner determinants of the reference cells: the w of thesis (3.21); with their skews if the metric uses
+        them.
     held : (n,) bool array
         Nodes on the boundary or on a patch. No correction may move them.
     constraint : BoundaryConstraint or None
@@ -57,7 +58,7 @@ class PreparedMesh:
     distributions : bool
         Whether a judgement contains the distributions, or the worst cells alone.
     coincident : (c, 2) int64 array
-        Boundary nodes at the same place: the first there, and another.
+        Boundary nodes at the same place: the first one, and another one.
     rims : PlaneRims
         Moving nodes on plane slip and symmetry walls.
     """
@@ -90,7 +91,7 @@ class PreparedMesh:
         Raises
         ------
         InvalidInput
-            When the mesh or a patch is unusable (see :func:`checked_mesh`), or the method does not fit the mesh.
+            If the mesh or a patch is unusable (see :func:`checked_mesh`), or the method does not fit the mesh.
         """
         cells, sizes, warnings, resting, coincident = checked_mesh(points, cells, patches)
         if len(resting):
@@ -136,19 +137,19 @@ class PreparedMesh:
 
     @cached_property
     def boundary(self) -> PossibleCrossing:
-        """The boundary, which may cross itself."""
+        """The boundary of the mesh, with its tests for crossings."""
         sliding = self.standard_motion.sliding
         return PossibleCrossing.build(self.points, self.cells, self.roles, self.coincident, sliding)
 
     def headroom(self, way: Floats, points: Floats) -> Headroom:
-        """How many more such ways (n, d) the mesh at ``points`` (n, d) admits."""
+        """The number of further steps like ``way`` (n, d) that the mesh at ``points`` (n, d) admits."""
         method = self.method
         return headroom(points, way, self.cells, self.reference_sizes, method.quality_metric, method.quality_threshold)
 
     def summary(self, points: Floats, quality: CellQuality | None = None) -> Judgement:
         """Quality of the mesh with its nodes at ``points`` (n, d), size relative to the reference mesh.
 
-        If the ``quality`` of every cell there is given, no cell is judged again.
+        If the ``quality`` of every cell at these points is given, no cell is judged again.
         """
         metric = self.method.quality_metric
         if quality is not None:

@@ -1,7 +1,7 @@
-"""The derivative of the rigid motion that a mesh without fixed nodes makes: see :meth:`.StandardMotion.carry`.
+"""The derivative of the rigid motion of a mesh without fixed nodes: see :meth:`.StandardMotion.carry`.
 
-All of them are ``x → c + P t + R (x − c)`` with a shift t and a rotation R that are fitted to the control nodes: any
-rotation, that about the axis of a periodic sector, or none; P keeps the shift in the plane walls.
+Every such motion is ``x → c + P t + R (x − c)``, with a shift t and a rotation R that are fitted to the control nodes:
+any rotation, one about the axis of a periodic sector, or none; P keeps the shift in the plane walls.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from mesh_motion_numerics.motion.standard_motion import StandardMotion
 __all__ = ["RigidSlope", "rigid_slope"]
 
 
-#: Singular values and eigenvalues that are smaller, as a share of the largest, are 0.
+#: Singular values and eigenvalues below this share of the largest are 0.
 _ROUNDING = 1e-9
 
 
@@ -28,7 +28,7 @@ class RigidSlope:
     Parameters
     ----------
     arms, far : (c, d), (p, d) arrays, mesh length unit
-        The control nodes and the places at rest, from the centre.
+        Vectors from the centre to the control nodes and to the places, at rest.
     along : (d, d) array
         P.
     turn : (d, d, d, d) array
@@ -39,7 +39,7 @@ class RigidSlope:
         self._arms, self._far, self._along, self._turn = arms, far, along, turn
 
     def apply(self, values: Floats) -> tuple[Floats, Floats]:
-        """Velocities of the carried control nodes (c, d) and places (p, d) for (c, d) of the control nodes."""
+        """Velocities of the carried control nodes (c, d) and places (p, d), for those (c, d) of the control nodes."""
         shift = self._along @ values.mean(axis=0)
         turn = np.einsum("abce,ce->ab", self._turn, values.T @ self._arms)
         return shift + self._arms @ turn.T, shift + self._far @ turn.T
@@ -52,12 +52,12 @@ class RigidSlope:
 
 
 def rigid_slope(motion: StandardMotion, controls: Integers, goal: Floats, places: Floats) -> RigidSlope | None:
-    """That of control nodes (c,) which go from the reference mesh to ``goal`` (n, d); None if it has no rigid part.
+    """The derivative for control nodes (c,) from the reference mesh to ``goal`` (n, d); None without a rigid part.
 
     Raises
     ------
     QualityRefused
-        At rest, if it depends on the direction of the motion whether the mesh is carried along.
+        At rest, if the direction of the motion decides whether the mesh is carried along.
     """
     origin, there = motion.reference[controls], goal[controls]
     at_rest = np.array_equal(origin, there)
@@ -81,7 +81,7 @@ def rigid_slope(motion: StandardMotion, controls: Integers, goal: Floats, places
 
 
 def _carries(motion: StandardMotion, origin: Floats, there: Floats, *, at_rest: bool) -> bool:
-    """Whether the motion from origin to there (c, d) has a rigid part; at rest, whether the periods admit one."""
+    """Whether the motion from origin to goal (c, d) has a rigid part; at rest, whether the periods admit one."""
     if not at_rest:
         return motion.carry(motion.reference, origin, there) is not None
     periods = () if motion.periodic is None else motion.periodic.generators
@@ -89,7 +89,7 @@ def _carries(motion: StandardMotion, origin: Floats, there: Floats, *, at_rest: 
 
 
 def _about_axis(fitted: RigidMotion, arms: Floats, goals: Floats) -> Floats:
-    """(d, d, d, d) the derivative of the rotation about an axis: its angle is atan2(Σ a · (x × y), Σ x · y)."""
+    """(d, d, d, d) derivative of the rotation about an axis, whose angle is atan2(Σ a · (x × y), Σ x · y)."""
     d, (x, y, z) = arms.shape[1], fitted.axis
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])[:d, :d]
     across = np.eye(d) - np.outer(fitted.axis, fitted.axis)[:d, :d]
@@ -105,7 +105,7 @@ def _carried_at_rest(sliding: SlidingSurfaces, along: Floats, turn: Floats, cent
     Raises
     ------
     QualityRefused
-        If they admit some.
+        If they admit only some of them.
     """
     d, places = len(along), sliding.reference
     spins = _range(turn.reshape(d * d, d * d)).reshape(-1, d, d)
@@ -130,6 +130,6 @@ def _carried_at_rest(sliding: SlidingSurfaces, along: Floats, turn: Floats, cent
 
 
 def _range(matrix: Floats) -> Floats:
-    """(r, k) orthonormal directions of what a matrix (k, k) gives."""
+    """(r, k) orthonormal directions that span the range of a matrix (k, k)."""
     left, sizes, _ = np.linalg.svd(matrix)
     return np.asarray(left.T[sizes > _ROUNDING * sizes.max()])

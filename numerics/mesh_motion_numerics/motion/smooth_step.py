@@ -1,8 +1,8 @@
-"""A step of the motion that is a smooth function of the boundary: at once if it can be, otherwise along a way.
+"""A step of the motion that is a smooth function of the boundary: in one step if possible, otherwise along a way.
 
-The result depends on where the boundary is, not on the way (:mod:`~.correction.smooth_motion`). The way only leads to
-the start of Newton's iterations: the committed mesh, carried along with the plain motion, and for a large step the same
-in parts, each corrected before the next.
+The result depends on where the boundary is, not on the way (:mod:`~.correction.smooth_motion`). The way only gives the
+start of Newton's iterations: the committed mesh, carried along with the plain motion. A large step is divided into
+parts, and each part is corrected before the next.
 """
 
 from __future__ import annotations
@@ -28,16 +28,16 @@ __all__ = ["NOT_SMOOTH", "Followed", "LatestPlain", "PlainWay", "follow", "smoot
 NOT_SMOOTH = (
     "no mesh was found that is a smooth function of the boundary: this step is corrected by itself, and nodes may jump"
 )
-"""The warning of such a step."""
+"""The warning of a step for which no smooth motion was found."""
 
-_MOST_KEPT = 100_000  # nodes of a mesh whose plain motions are kept
-_SHORTEST = 1 / 64  # part of a way
-_MOST_ITERATIONS = 300  # of a step that is led
+_MOST_KEPT = 100_000  # largest mesh, in nodes, whose plain motions are kept
+_SHORTEST = 1 / 64  # smallest part of a way
+_MOST_ITERATIONS = 300  # largest number of iterations of a step that is led along a way
 
 
 @dataclass(frozen=True, eq=False)
 class Followed:
-    """How far a way was followed: the last corrected mesh, its fraction of the way, the parts and the iterations."""
+    """The progress on a way: the last corrected mesh, its fraction, the number of parts and of iterations."""
 
     found: Smoothed
     fraction: float
@@ -45,7 +45,7 @@ class Followed:
     iterations: int
 
     def correction(self) -> Correction:
-        """What was done; with a warning if it is not at the minimum."""
+        """The correction's result; with a warning if the mesh is not at the minimum."""
         found = self.found
         return Correction(
             found.points,
@@ -59,11 +59,11 @@ class Followed:
 
 @dataclass(eq=False)
 class LatestPlain:
-    """The latest plain motions of a mesh: a step begins where another one ended.
+    """The latest plain motions of a mesh: a step begins at the end of another one.
 
-    Three are kept, the latest last: a step's first boundary, the trial before and the trial. Of a large mesh none is:
-    its correction takes many times as long, and they would be a tenth of its memory. But of as many meshes that nothing
-    has corrected, the motion that led there is known.
+    Three are kept, the latest last: of a step's first boundary, of the trial before, and of the trial. For a large mesh
+    none is kept: its correction takes many times as long, and they would take a tenth of its memory. For the same
+    number of meshes without a correction, the motion that led to them is kept.
     """
 
     kept: dict[bytes, Floats] = field(default_factory=dict)
@@ -83,11 +83,11 @@ class LatestPlain:
             self.kept = dict([*self.kept.items()][-2:]) | {targets.tobytes(): plain}
 
     def led_to(self, points: Floats, motion: StandardMotion) -> None:
-        """Keep that a motion alone has led to the mesh ``points`` (n, d), as long as there is this array."""
+        """Remember that a motion alone has led to the mesh ``points`` (n, d), as long as this array exists."""
         self.uncorrected = (*self.uncorrected[-2:], (weakref.ref(points), motion))
 
     def that_led_to(self, points: Floats) -> StandardMotion | None:
-        """The motion that alone has led to this array ``points`` (n, d), if that is known."""
+        """The motion that alone has led to this array ``points`` (n, d), if it is known."""
         return next((motion for mesh, motion in self.uncorrected if mesh() is points), None)
 
 
@@ -115,7 +115,7 @@ def smooth_step(
     Raises
     ------
     QualityRefused
-        If no way leads to a valid mesh: says how far the mesh stayed valid.
+        If no way leads to a valid mesh; the message says how far the mesh stayed valid.
     """
     carried = carried or _with_plain
     at_once = correction.correct(plain, lambda: carried(committed, plain_before(), plain, 0.0, 1.0))
@@ -134,20 +134,20 @@ def smooth_step(
 
 PlainWay = Callable[[float], Floats]
 Carried = Callable[[Floats, Floats, Floats, float, float], Floats]
-"""A mesh, the plain motion there, the one to reach, and both fractions of the way → a mesh near the result (n, d)."""
+"""A mesh, its plain motion, the one to reach, and both fractions of the way → a mesh near the result (n, d)."""
 
 
 def follow(
     correction: SmoothMotion, committed: Floats, plain_before: Floats, way: PlainWay, most: int, carried: Carried
 ) -> Followed:
-    """Lead the committed mesh along a way, in hardly more than ``most`` iterations.
+    """Lead the committed mesh along a way, in about ``most`` iterations at most.
 
-    A part is halved where the iterations cannot begin or do not end soon.
+    A part is halved if the iterations cannot begin or take too long.
     """
     fraction, length, points, before = 0.0, 0.5, committed, plain_before
     found, legs, iterations = Smoothed(committed), 0, 0
     while fraction < 1.0 and length >= _SHORTEST and iterations < most:
-        length = min(length, 1.0 - fraction)  # sums of powers of two: exact
+        length = min(length, 1.0 - fraction)  # exact, because they are sums of powers of two
         plain = way(fraction + length)
         leg = correction.correct(plain, partial(carried, points, before, plain, fraction, fraction + length))
         iterations += leg.iterations

@@ -1,6 +1,6 @@
 """Standard RBF motion: the displacement of every node from that of the boundary (thesis (2.6)), without correction.
 
-The *displacement* of the method says from which mesh and how it interpolates:
+The method's key *displacement* says from which mesh the motion is interpolated, and how:
 
 relative
     from the committed mesh, with the displacement since then. Drifts on periodic motion.
@@ -8,8 +8,8 @@ absolute
     from the reference mesh, with the total displacement. The result depends on the boundary alone: no drift.
 reanchored
     from the reference mesh, through sub-steps along a path that rotates with the body; each sub-step interpolates from
-    the mesh of the one before. The result depends on the boundary alone too, and allows larger rotations than
-    ``absolute``.
+    the mesh of the one before. The result also depends on the boundary alone, and larger rotations are possible than
+    with ``absolute``.
 
 The wall carries the nodes of its boundary layer (:mod:`.boundary_layer`), and the nodes outside follow the layer.
 
@@ -63,7 +63,7 @@ from mesh_motion_numerics.stopwatch import Stopwatch
 __all__ = ["StandardMotion", "StandardTrial"]
 
 
-#: A re-anchored motion takes one sub-step for each such share of the domain's extent that a boundary node moves …
+#: A re-anchored motion has one sub-step for each such share of the domain's extent that a boundary node moves …
 _SUBSTEP_FRACTION = 0.025
 #: … and at most this many.
 _MAX_SUBSTEPS = 20
@@ -110,8 +110,9 @@ class StandardTrial:
     stages : tuple of Stage
         The motion from ``start``, anywhere.
     factorization : Factorization
-        Of all nodes with a role at ``start`` (with a boundary layer's outermost nodes instead of the wall behind them);
-        with a reduction, it is made at its first use. It includes periodic nodes only if an enrichment follows.
+        Factorization of all nodes with a role at ``start`` (with a boundary layer's outermost nodes instead of the wall
+        behind them). With a reduction it is made at its first use. It includes periodic nodes only if an enrichment
+        follows.
     control_points : (nc,) int64 array
         Control nodes of the last interpolation: all nodes with a role, or those that a reduction chose.
     """
@@ -132,15 +133,15 @@ class StandardMotion:
     reference : (n, d) array
         Reference coordinates, mesh length unit.
     method : Method
-        With the support radius filled in.
+        The method with its support radius set.
     sliding : SlidingSurfaces or None
         Surfaces on which ``roles.sliding`` stay; None without such nodes.
     periodic : PeriodicNodes or None
-        Nodes that move alike; None without periodic patches.
+        Nodes that move together; None without periodic patches.
     spacing : float, mesh length unit
-        Of the moving nodes in the reference mesh; 0 if no reduction needs it.
+        Spacing of the moving nodes in the reference mesh; 0 if no reduction needs it.
     plans : TwoScalePlans
-        Say which control nodes are interpolated in two scales.
+        The control nodes that are interpolated in two scales.
     layer : BoundaryLayer or None
         Nodes that the moving walls carry with them.
     """
@@ -163,7 +164,7 @@ class StandardMotion:
     def of_boundary(
         cls, points: Floats, facets: Mapping[str, Integers], patches: Mapping[str, Patch], method: Method
     ) -> StandardMotion:
-        """Prepare the motion: it needs the ``facets`` (f, k) of the whole boundary alone, by type."""
+        """Prepare the motion; it needs only the ``facets`` (f, k) of the whole boundary, by type."""
         roles = BoundaryRoles.from_patches(patches)
         periodic = PeriodicNodes.build(points, facets, patches, roles)
         sliding = None
@@ -190,7 +191,7 @@ class StandardMotion:
         return replace(other, plans=plans)
 
     def walls(self) -> Iterator[tuple[Integers, SlidingSurfaces]]:
-        """The sliding nodes in the order in which they are placed, and the nodes (k,) that each part of them follows.
+        """The sliding nodes in the order in which they are placed, and for each part the nodes (k,) that it follows.
 
         Lines follow their ends, and surfaces follow their lines, so that no node passes the end of its wall.
         """
@@ -200,7 +201,7 @@ class StandardMotion:
             followed = np.union1d(followed, wall.nodes)
 
     def trial(self, committed: Floats, targets: Floats, factors: FactorSource, watch: Stopwatch) -> StandardTrial:
-        """Trial positions with ``roles.moving`` at ``targets`` (k, d), bitwise, and every other node following.
+        """Trial positions with ``roles.moving`` at ``targets`` (k, d), bitwise; all other nodes follow.
 
         Parameters
         ----------
@@ -243,7 +244,7 @@ class StandardMotion:
         if self.layer is None and self.periodic is None and self.sliding is None:
             positions = roles.prescribed_positions(
                 targets, self.reference
-            )  # an array of all nodes costs as much as a pass
+            )  # an array of all nodes takes as long as one pass
             solved = self._solve(points, roles.prescribed, positions, factors, watch)
             with watch.phase("displace"):
                 return self._displaced(points, roles.prescribed, positions, solved.stage, factors), solved
@@ -264,7 +265,7 @@ class StandardMotion:
         """The ``prescribed`` positions (n, d) with the sliding nodes on their surfaces."""
         for followed, wall in self.walls():
             places = points[wall.nodes]
-            if wall.freedom().any():  # corners stay
+            if wall.freedom().any():  # corners stay in place
                 following = self.following(points, self.control_nodes(followed), prescribed, factors, watch)
                 with watch.phase("displace"):
                     places = following.positions(places)
@@ -288,14 +289,14 @@ class StandardMotion:
         return nodes if self.layer is None else self.layer.shield.instead(nodes)
 
     def control_nodes(self, nodes: Integers) -> Integers:
-        """The control nodes for nodes (c,) with a role: one node of each periodic orbit represents its images."""
+        """The control nodes for nodes (c,) with a role: one node of each periodic orbit stands for its images."""
         controls = self._controls(nodes)
         return controls if self.periodic is None else np.unique(self.periodic.root_of(controls))
 
     def _displaced(
         self, points: Floats, known: Integers, positions: Floats, stage: Stage, factors: FactorSource
     ) -> Floats:
-        """The mesh ``points`` (n, d) displaced by a stage, the nodes ``known`` (k,) at ``positions`` (k, d)."""
+        """The mesh ``points`` (n, d) displaced by a stage, with the nodes ``known`` (k,) at ``positions`` (k, d)."""
         prepared = prepared_for(stage.interpolant, points, factors, skipped=known)
         moved = stage.positions(points, prepared)
         numbers = known[:, None] * moved.shape[1] + np.arange(moved.shape[1])
@@ -309,7 +310,7 @@ class StandardMotion:
         with watch.phase("solve"):
             origin = points.take(controls, axis=0)  # three times as fast as points[controls]
             rigid = None
-            if not len(self.roles.fixed) and not np.array_equal(origin, goal):  # rest stays rest, bitwise
+            if not len(self.roles.fixed) and not np.array_equal(origin, goal):  # nodes at rest keep their bits
                 rigid = self.carry(points, origin, goal)
             displacement = goal - (origin if rigid is None else rigid.apply(origin))
             if self.periodic is not None or self.method.reduction == "none":
@@ -330,7 +331,7 @@ class StandardMotion:
         return self.sliding.admitted(rigid, points[self.sliding.nodes])
 
     def fitted(self, origin: Floats, goal: Floats) -> RigidMotion | None:
-        """The rigid motion closest to that of control nodes from origin to goal (c, d), whatever the walls admit."""
+        """The rigid motion closest to that of control nodes from origin to goal (c, d), without regard to the walls."""
         return fit_rigid_motion(origin, goal) if self.periodic is None else self.periodic.carry(origin, goal)
 
     def factorized(self, controls: Integers, factors: FactorSource) -> Factorization:

@@ -1,9 +1,9 @@
-"""Sub-steps: a large motion in legs, each corrected before the next begins, so that the mesh is valid all the way.
+"""Sub-steps: a large motion in legs; each leg is corrected before the next begins, so that the mesh is always valid.
 
-One step is enough for most motions, large rotations included. If it ends in a mesh that cannot be untangled, the mesh
-is led there: every leg starts from the valid mesh of the leg before and moves the boundary a little further along its
-way (:mod:`.body_paths`). The length of a leg adapts: after a leg whose plain interpolation inverts no cell, it is
-doubled, until a leg fails; a leg that fails is halved. No choice depends on computing time or on earlier motions.
+One step is enough for most motions, even with large rotations. If it ends in a mesh that cannot be untangled, the mesh
+is led to the targets: every leg starts from the valid mesh of the leg before and moves the boundary a little further
+along its way (:mod:`.body_paths`). The length of a leg adapts: after a leg whose plain interpolation inverts no cell,
+it is doubled, until a leg fails; a leg that fails is halved. No choice depends on computing time or on earlier motions.
 """
 
 from collections.abc import Callable, Iterable
@@ -18,7 +18,8 @@ __all__ = ["Leg", "Walk", "furthest_walk", "walk"]
 
 
 _FIRST, _LONGEST, _SHORTEST = 1 / 4, 1 / 2, 1 / 8
-#: Of all ways together: a motion that is led to its end takes about four, and a refusal should not take much longer.
+#: Largest number of legs of all ways together: a motion that reaches its end takes about four, and a refusal should not
+#: take much longer.
 _MOST_TRIES = 16
 
 
@@ -32,7 +33,7 @@ class Leg(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Walk:
-    """How far the mesh was led.
+    """The progress of a mesh along a way.
 
     Attributes
     ----------
@@ -59,7 +60,7 @@ class Walk:
 def furthest_walk(
     start: Floats, ways: Iterable[Callable[[float], Floats]], move: Callable[[Floats, Floats], Leg]
 ) -> Walk:
-    """The walk along the first way that reaches its end, otherwise the walk that got furthest; see :func:`walk`."""
+    """The walk along the first way that reaches its end, else the walk that came furthest; see :func:`walk`."""
     furthest: Walk | None = None
     left = _MOST_TRIES
     for way in ways:
@@ -95,7 +96,7 @@ def walk(
     refusal = None
     while fraction < 1.0 and length >= _SHORTEST and tries < most:
         tries += 1
-        further = min(fraction + length, 1.0)  # sums of powers of two: exact
+        further = min(fraction + length, 1.0)  # exact, because they are sums of powers of two
         try:
             leg = move(points, way(further))
         except QualityRefused as error:

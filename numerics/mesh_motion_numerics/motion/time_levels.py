@@ -1,4 +1,4 @@
-"""Velocities of nodes that are consistent with a time scheme, from positions at its time levels; any step sizes.
+"""Velocities of nodes for a time scheme, from the positions at its time levels; step sizes may vary.
 
 =========  ===========================================================================================================
 scheme     velocity at the new level; Δx = x - x₀ since the last level, Δt = t - t₀, ω = Δt / (t₀ - t₋₁)
@@ -24,7 +24,7 @@ from mesh_motion_numerics.arrays import Floats
 
 __all__ = ["STORED_ARRAYS", "TimeLevel", "level_after", "scheme_velocity"]
 
-#: How many (n, d) arrays of earlier levels a scheme takes.
+#: Number of (n, d) arrays of earlier levels that a scheme needs.
 STORED_ARRAYS = {"": 0, "bdf2": 1, "bossak": 2}
 
 _ALPHA = -0.3
@@ -33,15 +33,15 @@ _GAMMA, _BETA = 0.5 - _ALPHA, 0.25 * (1.0 - _ALPHA) ** 2
 
 @dataclass(frozen=True, eq=False)
 class TimeLevel:
-    """When a committed state was, and what earlier levels leave to the velocities of later ones.
+    """The time of a committed state, and the data of earlier levels for the velocities of later ones.
 
     Attributes
     ----------
     time, previous_time : float or None
-        Of this state and of the one before, seconds; None where it is not known.
+        Times of this state and of the one before, seconds; None if not known.
     arrays : tuple of (n, d) arrays
-        For "bdf2" the positions before, mesh length unit; for "bossak" the velocities, and the accelerations. None at
-        the first level.
+        For "bdf2" the earlier positions, mesh length unit; for "bossak" the velocities, and the accelerations. No
+        arrays at the first level.
     """
 
     time: float | None = None
@@ -57,9 +57,9 @@ def scheme_velocity(scheme: str, moved: Floats, committed: Floats, level: TimeLe
     scheme : {"bdf1", "bdf2", "bossak"}
     moved, committed : (n, d) arrays, mesh length unit
     level : TimeLevel
-        Of ``committed``; its time is known, and it has the arrays of the scheme.
+        Level of ``committed``; its time is known, and it has the arrays of the scheme.
     time : float
-        Later than that of the level.
+        Time of ``moved``, seconds; later than that of the level.
     """
     dt, dx = time - _known(level.time), moved - committed
     if not level.arrays:
@@ -75,7 +75,7 @@ def scheme_velocity(scheme: str, moved: Floats, committed: Floats, level: TimeLe
 
 
 def level_after(stored: str, moved: Floats, committed: Floats, level: TimeLevel, time: float | None) -> TimeLevel:
-    """The level of the state that has ``moved`` there; parameters as above, ``stored`` one of :data:`STORED_ARRAYS`."""
+    """The level of the state at ``moved``; parameters as above, ``stored`` one of :data:`STORED_ARRAYS`."""
     if stored == "bdf2":
         return TimeLevel(time, level.time, (committed,))
     if stored == "bossak":

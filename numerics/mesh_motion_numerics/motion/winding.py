@@ -1,21 +1,23 @@
-"""Bodies that turn by more than half a turn: which turn they are on, and the plain motion that winds the mesh.
+"""Bodies that turn by more than half a turn: the number of their turns, and the plain motion that winds the mesh.
 
-A boundary at 200° is also one at −160°, and both have a mesh. The committed mesh says which of the two is meant: along
-a chain of cells from a wall at rest to the body the rotation is continuous. In the plane two cells of positive size
-that share an edge differ by less than half a turn, so the turn is counted exactly; in space it is counted about the
-coordinate axis that is nearest to the rotation's. A body goes on from there by the smallest change. Nothing is stored,
-so a mesh that is resumed or rolled back goes on alike.
+A boundary at 200° is also a boundary at −160°, and there is a mesh for each. The committed mesh shows which of the two
+is meant: along a chain of cells from a wall at rest to the body the rotation is continuous. In 2D two cells of positive
+size that share an edge differ by less than half a turn, so the turn is counted exactly; in 3D it is counted about the
+coordinate axis that is nearest to the rotation's axis. From this turn a body continues by the smallest change. Nothing
+is stored, so a mesh continues in the same way after a resume or a rollback.
 
-Interpolation of a displacement cannot wind: it is the same after a whole turn. So a turn θ is divided into two::
+Interpolation of a displacement cannot wind a mesh: its result is the same after a whole turn. So a turn θ is divided
+into two::
 
     θ = φ + ρ,      φ = θ S(|θ|),      y = c + R(φ g(x)) (x̃ − c)
 
-x̃ is interpolated to the boundary that is turned back by φ about its centre c. g is 1 at the body and its layer, 0 at
-all other boundaries, and in between the mean over a node's neighbours: rings of cells share the turn. S rises from 0
-at a quarter turn to 1 at three quarters with two continuous derivatives; up to a quarter turn φ is exactly 0.
+x̃ is the mesh interpolated to the boundary that is turned back by φ about its centre c. g is 1 at the body and its
+layer, 0 at all other boundaries, and at other nodes the mean over a node's neighbours: rings of cells share the turn. S
+rises from 0 at a quarter turn to 1 at three quarters with two continuous derivatives; up to a quarter turn φ is exactly
+0.
 
-Winding shears all cells. They resist where they lose more than that takes (:meth:`Winding.sheared`): if all resist,
-there are many minima.
+Winding shears all cells. Cells resist only if they lose more than this shear takes (:meth:`Winding.sheared`): if all
+cells resisted, there would be many minima.
 
 A body that is attached to nodes that do not move cannot turn that far. Without fixed nodes there is no turn to count.
 """
@@ -55,14 +57,14 @@ __all__ = [
 ]
 
 UNWOUND = "the mesh can be wound no further: it goes on from the least turn to the same boundary, and nodes jump"
-"""The warning of a step that could not go on from the committed mesh's turn."""
+"""The warning of a step that could not continue from the committed mesh's turn."""
 
-_FIRST, _ALL = np.pi / 2, 1.5 * np.pi  # |θ| at which S rises from 0, and is 1
-_NARROW = 1.5  # a tube's first radius, in distances between its ends' nodes and their neighbours
-_ACCURATE = 1e-12  # of g
-_MOST = 0.9  # of the cells between a body and the others
-_LATER = 1.25  # simplices that are turned one ring against the next lose more than their shear takes
-_UNCERTAIN = 5 / 6 * np.pi  # two cells of a chain that differ by more may differ by the rest of a whole turn
+_FIRST, _ALL = np.pi / 2, 1.5 * np.pi  # |θ| at which S begins to rise from 0, and |θ| at which S is 1
+_NARROW = 1.5  # first radius of a tube, in distances between its ends' nodes and their neighbours
+_ACCURATE = 1e-12  # tolerance of g
+_MOST = 0.9  # share of the cells between a body and the others
+_LATER = 1.25  # simplices turned by one ring against the next lose more than their shear takes
+_UNCERTAIN = 5 / 6 * np.pi  # two cells of a chain that differ by more may also differ by the rest of a whole turn
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +93,7 @@ class WindingBody:
 
 @dataclass(frozen=True, eq=False)
 class Turns:
-    """How the bodies turn in one step, rows by body.
+    """The turns of the bodies in one step, with one row for each body.
 
     Attributes
     ----------
@@ -110,7 +112,7 @@ class Turns:
 
     @property
     def unwound(self) -> Turns | None:
-        """The same with the least turns that lead to the same targets; None if these certainly are the least."""
+        """The same with the smallest turns that lead to the same targets; None if these certainly are the smallest."""
         least = self.after - 2.0 * np.pi * np.round(self.after / (2.0 * np.pi))
         return None if self.certain and np.array_equal(least, self.after) else Turns(self.axes, least, least)
 
@@ -143,9 +145,9 @@ class Winding:
     # --- which turn --------------------------------------------------------------------------------------------------
 
     def turns(self, committed: Floats, targets: Floats) -> Turns | None:
-        """How the bodies turn from the ``committed`` mesh (n, d) to ``targets`` (k, d): by the smallest change.
+        """The turns of the bodies from the ``committed`` mesh (n, d) to ``targets`` (k, d), by the smallest change.
 
-        None if interpolation alone is the plain motion at both ends.
+        None if the plain motion is interpolation alone at both ends.
         """
         if not self._may_wind(committed, targets):
             return None
@@ -184,9 +186,9 @@ class Winding:
     # --- plain motion ------------------------------------------------------------------------------------------------
 
     def winds(self, targets: Floats, turns: Turns, fraction: float) -> tuple[Floats, Callable[[Floats], Floats]]:
-        """The boundary (k, d) turned back from ``targets``, and what winds a mesh (n, d) interpolated to it.
+        """The boundary (k, d) turned back from ``targets``, and a function that winds a mesh (n, d) interpolated to it.
 
-        The bodies are a ``fraction`` of the way of their ``turns``.
+        The bodies are at a ``fraction`` of their ``turns``.
         """
         back, winds = targets.copy(), []
         nearly = turns.before + fraction * (turns.after - turns.before)
@@ -206,7 +208,7 @@ class Winding:
         return back, wind
 
     def sheared(self, turns: Turns) -> float:
-        """The distortion log(1 + γ²/d) of cells that are sheared by γ, as most cells at the targets are at most."""
+        """The distortion log(1 + γ²/d) of cells sheared by γ, an upper limit for most cells at the targets."""
         d = self.reference.shape[1]
         strained = (shear * wound(angle) for shear, angle in zip(self.shears, turns.after, strict=True))
         return float(_LATER * sum(np.log1p(gamma**2 / d) for gamma in strained))
@@ -219,7 +221,7 @@ class Winding:
 
     @cached_property
     def shears(self) -> list[float]:
-        """|x − c| |∇g|, which most cells have at most, for each body."""
+        """|x − c| |∇g| for each body: an upper limit for most cells."""
         nodes = self.simplices
         edges = self.reference[nodes[:, 1:]] - self.reference[nodes[:, :1]]
         found = []
@@ -231,9 +233,9 @@ class Winding:
         return found
 
     def carried(self, turns: Turns, points: Floats, before: Floats, plain: Floats, begin: float, end: float) -> Floats:
-        """A mesh (n, d) carried on from one fraction of the way of the ``turns`` to another, as :data:`.Carried`.
+        """A mesh (n, d) carried from one fraction of the ``turns`` to another, as :data:`.Carried`.
 
-        All nodes turn with the bodies by their shares; those that are held go to their ``plain`` positions.
+        All nodes turn with the bodies by their shares; held nodes go to their ``plain`` positions.
         """
         found = points.copy()
         for body, axis, share, angle in zip(
@@ -272,7 +274,7 @@ class Winding:
 def winding_body(
     reference: Floats, simplices: NDArray[np.integer], nodes: Integers, rows: Integers, fixed: Integers
 ) -> WindingBody | None:
-    """The body of moving ``nodes`` (b,), at ``rows`` (b,); None if no cells lead from ``fixed`` (f,) nodes to it.
+    """The body of moving ``nodes`` (b,), at ``rows`` (b,); None if no cells connect it to ``fixed`` (f,) nodes.
 
     Parameters
     ----------
@@ -300,7 +302,7 @@ def winding_body(
 
 
 def _chain(simplices: NDArray[np.integer], first: Marks, last: Marks) -> Integers | None:
-    """Simplices (c, d + 1) from one that is marked ``first`` (c,) to one marked ``last``, with common edges."""
+    """Simplices (c, d + 1) from one marked ``first`` (c,) to one marked ``last``, connected by common edges."""
     if not first.any() or not last.any():
         return None
     edges = np.concatenate([np.sort(simplices[:, pair], axis=1) for pair in combinations(range(simplices.shape[1]), 2)])
@@ -322,9 +324,10 @@ def _chain(simplices: NDArray[np.integer], first: Marks, last: Marks) -> Integer
 
 
 def turned_on(rest: Floats, was: Floats, now: Floats) -> tuple[float, float]:
-    """The turn of a body (b, d) at one place, and from there by the smallest change at another one, radians.
+    """The turn of a body (b, d) at one place, and at another place by the smallest change, radians.
 
-    It is the least turn that leads to the first place, and about the coordinate axis that is nearest to the rotation's.
+    The first turn is the smallest that leads to its place. Turns are about the coordinate axis nearest to the
+    rotation's axis.
     """
     old, new = fitted_rotation(rest, was), fitted_rotation(rest, now)
     axis = _axis(old.as_rotvec(), old, new, rest.shape[1])
@@ -333,41 +336,41 @@ def turned_on(rest: Floats, was: Floats, now: Floats) -> tuple[float, float]:
 
 
 def _axis(about: Floats, old: Rotation, new: Rotation, d: int) -> int:
-    """The coordinate axis nearest to that of a rotation ``about`` (3,), and of the smallest one from old to new."""
+    """The coordinate axis nearest to a rotation's axis ``about`` (3,) and to the smallest one's from old to new."""
     return 2 if d == 2 else int(np.argmax(np.abs(about + (new * old.inv()).as_rotvec())))
 
 
 def wound(angle: float) -> float:
-    """φ of a turn θ, radians."""
+    """φ for a turn θ, radians."""
     s = _begun(angle)
     return angle * s**3 * (10.0 + s * (6.0 * s - 15.0))
 
 
 def wound_slope(angle: float) -> float:
-    """dφ/dθ of a turn θ, radians."""
+    """dφ/dθ at a turn θ, radians."""
     s = _begun(angle)
     return s**3 * (10.0 + s * (6.0 * s - 15.0)) + abs(angle) * 30.0 * (s * (1.0 - s)) ** 2 / (_ALL - _FIRST)
 
 
 def _begun(angle: float) -> float:
-    """How much of the way from a quarter turn to three quarters a turn has gone."""
+    """The share S of a turn: how far it is on the way from a quarter turn to three quarters."""
     return float(np.clip((abs(angle) - _FIRST) / (_ALL - _FIRST), 0.0, 1.0))
 
 
 def fitted_rotation(rest: Floats, moved: Floats) -> Rotation:
-    """The rotation of a body from its nodes (b, d)."""
+    """The rotation of a body, fitted to its nodes (b, d)."""
     rigid = fit_rigid_motion(rest, moved)
     return Rotation.from_rotvec(rigid.angle * rigid.axis)
 
 
 def _twist(rotations: Rotation, axis: int) -> Floats:
-    """The angle (…,) about a coordinate axis."""
+    """The angle (…,) of rotations about a coordinate axis."""
     quaternions = rotations.as_quat()
     return np.asarray(2.0 * np.arctan2(quaternions[..., axis], quaternions[..., 3]))
 
 
 def _nearest(angle: float | Floats, near: float) -> float:
-    """The angle plus the whole turns that bring it nearest to another one."""
+    """The angle plus the whole turns that bring it nearest to another angle."""
     return float(angle + 2.0 * np.pi * np.round((near - angle) / (2.0 * np.pi)))
 
 

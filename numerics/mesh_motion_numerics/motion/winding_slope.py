@@ -1,11 +1,11 @@
-"""The derivative of what winds a mesh: see :mod:`.winding`.
+"""The derivative of the winding of a mesh: see :mod:`.winding`.
 
 With a body's turn θ by the fitted rotation, φ of it, the centre c and the shares g ::
 
     back = c + R(−φ) (x − c),      y = x̃ + Σ (R(φ g) − 1) (x̃ − c),      x̃ = the plain motion to ``back``
 
-and the distortion at which cells begin to resist, which grows with φ, the velocities v of the moving nodes count three
-times: for ``back``, for the winding and for that distortion.
+and with the distortion at which cells begin to resist, which grows with φ, the velocities v of the moving nodes have
+three effects: on ``back``, on the winding and on that distortion.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class _Body:
     rows : (b,) int64 array
         Its nodes, as rows among the moving nodes.
     twist : (b, d) array
-        dφ of the nodes' velocities.
+        dφ for the nodes' velocities.
     later : float
         Derivative by φ of the distortion at which cells resist.
     back, wind : (d, d), (n, d, d) arrays
@@ -63,7 +63,7 @@ class WindingSlope:
 
     @classmethod
     def build(cls, winding: Winding, turns: Turns, targets: Floats, plain: Floats) -> WindingSlope:
-        """That where the boundary is at ``targets`` (k, d), and the mesh that is not wound at ``plain`` (n, d)."""
+        """Build the derivative for a boundary at ``targets`` (k, d), and the unwound mesh at ``plain`` (n, d)."""
         bodies, d = [], plain.shape[1]
         for body, axis, angle, share, later in zip(
             winding.bodies, turns.axes, turns.after, winding.shares, winding.sheared_slopes(turns), strict=True
@@ -86,7 +86,7 @@ class WindingSlope:
         return cls(winding.moving, tuple(bodies))
 
     def back(self, velocity: Floats) -> Floats:
-        """(k, d) velocities of the boundary that is turned back, for those of the boundary."""
+        """(k, d) velocities of the boundary that is turned back, for velocities of the boundary."""
         out = velocity.copy()
         for body in self.bodies:
             own = velocity[body.rows]
@@ -95,7 +95,7 @@ class WindingSlope:
         return out
 
     def wound(self, plain: Floats, velocity: Floats) -> Floats:
-        """(n, d) velocities of the wound mesh for (n, d) of the one that is not, and (k, d) of the boundary."""
+        """(n, d) velocities of the wound mesh, for (n, d) of the unwound mesh and (k, d) of the boundary."""
         out = plain.copy()
         for body in self.bodies:
             own = velocity[body.rows]
@@ -106,11 +106,11 @@ class WindingSlope:
         return out
 
     def later(self, velocity: Floats) -> float:
-        """Change of the distortion at which cells resist."""
+        """Change of the distortion at which cells begin to resist."""
         return float(sum(body.later * np.sum(body.twist * velocity[body.rows]) for body in self.bodies))
 
     def unwound(self, weights: Floats, later: float) -> tuple[Floats, Floats]:
-        """(n, d) and (k, d) what :meth:`wound`'s arguments count for (n, d) weights, and for one of :meth:`later`."""
+        """(n, d) and (k, d) derivatives by :meth:`wound`'s arguments, for weights (n, d) and one of :meth:`later`."""
         moving, rest = weights[self.moving], weights.copy()
         rest[self.moving] = 0.0
         plain = rest.copy()
@@ -122,7 +122,7 @@ class WindingSlope:
         return plain, moving
 
     def back_transposed(self, weights: Floats) -> Floats:
-        """(k, d) what velocities count for weights of :meth:`back`."""
+        """The transpose: (k, d) derivatives by the velocities, for weights of :meth:`back`."""
         out = weights.copy()
         for body in self.bodies:
             own = weights[body.rows]
@@ -132,7 +132,7 @@ class WindingSlope:
 
 
 def _twist_slope(rest: Floats, own: Floats, axis: int) -> Floats:
-    """(b, d) the derivative of a body's twist about a coordinate axis by its nodes, from ``rest`` to ``own`` (b, d)."""
+    """(b, d) derivative of a body's twist about a coordinate axis by its nodes, from ``rest`` to ``own`` (b, d)."""
     d, arms, fitted = rest.shape[1], rest - rest.mean(axis=0), fitted_rotation(rest, own)
     by_rotation = 0.5 * np.cross(_by_spin(fitted.as_quat(), axis), fitted.as_matrix(), axisb=0, axisc=0)[:d, :d]
     slope = nearest_rotation_slope(((own - own.mean(axis=0)).T @ arms)[None])[0]
@@ -140,7 +140,7 @@ def _twist_slope(rest: Floats, own: Floats, axis: int) -> Floats:
 
 
 def _by_spin(quaternion: Floats, axis: int) -> Floats:
-    """(3,) the derivative of the twist 2 atan2(v_axis, w) of a quaternion (v, w) by a small rotation after it."""
+    """(3,) derivative of the twist 2 atan2(v_axis, w) of a quaternion (v, w) by a small rotation after it."""
     v, w, about = quaternion[:3], quaternion[3], np.eye(3)[axis]
     return np.asarray((w * w * about + w * np.cross(v, about) + v[axis] * v) / (v[axis] ** 2 + w * w))
 

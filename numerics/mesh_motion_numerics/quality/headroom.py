@@ -1,4 +1,4 @@
-"""How many more steps like the last one a mesh admits: until its first cell inverts, and until the threshold."""
+"""The number of further steps like the last one that a mesh admits: until a cell inverts, and until the threshold."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from mesh_motion_numerics.quality.quality_summary import smallest
 __all__ = ["HORIZON", "Headroom", "headroom"]
 
 HORIZON = 100.0
-"""Steps beyond which nothing is predicted."""
-_FIRST = 64  # cells that invert first, which decide where the threshold is
-_HALVINGS = 12  # of the way to the inversion: 0.02 % of it
+"""Number of steps beyond which nothing is predicted."""
+_FIRST = 64  # number of cells that invert first; they decide when the threshold is reached
+_HALVINGS = 12  # halvings of the way to the inversion: accurate to 0.02 % of it
 
 
 @dataclass(frozen=True)
 class Headroom:
-    """Multiples of a step that can follow it, with every node going on as in it; ``inf`` beyond :data:`HORIZON`.
+    """Multiples of a step that can follow it, if every node continues in this way; ``inf`` beyond :data:`HORIZON`.
 
     Attributes
     ----------
@@ -40,15 +40,15 @@ class Headroom:
 
 
 def headroom(points: Floats, step: Floats, cells: CellTable, rest: AtRest, metric: str, threshold: float) -> Headroom:
-    """Of a mesh that the last ``step`` (n, d) took to ``points`` (n, d); mesh length unit.
+    """The headroom of a mesh that the last ``step`` (n, d) took to ``points`` (n, d); mesh length unit.
 
-    The determinants of corners are polynomials along the step: their first root is exact. The motion itself is only as
-    straight as its targets, and a correction keeps cells longer than this says: it is an early warning.
+    The determinants of corners are polynomials along the step: their first root is exact. The real motion is straight
+    only if its targets are, and a correction keeps cells valid for longer than this result: it is an early warning.
 
     Parameters
     ----------
     rest : (m,) array or CellsAtRest
-        The reference mesh, as :func:`.subset_quality` takes it.
+        The reference mesh, in the form of :func:`.subset_quality`.
     metric : str
         The quality metric of the ``threshold``.
     """
@@ -66,7 +66,7 @@ def headroom(points: Floats, step: Floats, cells: CellTable, rest: AtRest, metri
     low, high = 0.0, min(float(steps[first[0]]), HORIZON)
     if not is_above(0.0):
         high = 0.0
-    elif is_above(high):  # of a threshold below 0, or beyond the horizon
+    elif is_above(high):  # a threshold below 0, or beyond the horizon
         low = high = np.inf
     else:
         for _ in range(_HALVINGS):

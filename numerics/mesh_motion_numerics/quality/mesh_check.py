@@ -4,8 +4,8 @@ A mesh is checked once, when a session is built; all later code trusts the resul
 the checks that depend on them, so the first error is the one to repair first: shapes and numbers, node indices, the
 cells' geometry, the patches, the boundary.
 
-Boundary nodes in no patch are allowed: they follow the interpolation like interior nodes, and no correction moves
-them; those behind fixed nodes do not move. That is rarely wanted at a wall, hence the warning.
+Boundary nodes in no patch are allowed: they follow the interpolation like interior nodes, and no correction moves them;
+boundary nodes behind fixed nodes do not move. This is rarely wanted at a wall, hence the warning.
 """
 
 from collections.abc import Mapping
@@ -35,10 +35,10 @@ from mesh_motion_numerics.quality.orientation import OrientedCells, oriented
 
 __all__ = ["CheckedMesh", "checked_cells", "checked_mesh", "nodes_in_no_cell", "suggest_support_radius"]
 
-# A smaller skew is 0 but for rounding; cells of a boundary layer with aspect ratio 10⁶ have 10⁻⁶ and pass.
+# A smaller skew is 0 up to rounding; cells of a boundary layer with aspect ratio 10⁶ have a skew of 10⁻⁶ and pass.
 _FLAT_SKEW = 1e-10
 # The correction takes high powers of the cells' determinants: with cells 10⁻³ as long as the mesh, its results change
-# below 10⁻¹⁸ and above 10²⁰. Smaller cells and far motions have room.
+# below 10⁻¹⁸ and above 10²⁰. These limits leave room for smaller cells and long motions.
 _SMALLEST_EXTENT, _LARGEST_EXTENT = 1e-12, 1e15
 
 
@@ -50,11 +50,11 @@ class CheckedMesh(NamedTuple):
     cells : CellTable
         In one orientation (:mod:`.orientation`); all later code computes with these.
     reference_sizes : (m,) array
-        Of :func:`~mesh_motion_numerics.quality.metrics.reference_sizes`, all positive.
+        Result of :func:`~mesh_motion_numerics.quality.metrics.reference_sizes`, all positive.
     resting : (r,) int64 array
         Nodes in no patch that stay where they are: those behind fixed nodes.
     coincident : (c, 2) int64 array
-        Boundary or patch nodes at the same place: the first there, and another.
+        Boundary or patch nodes at the same place: the first one, and another one.
     """
 
     cells: CellTable
@@ -167,13 +167,13 @@ def _check_indices(n: int, cells: CellTable) -> None:
 
 def _check_geometry(points: Floats, cells: CellTable, sizes: Floats) -> None:
     """Require positive corner determinants and no flat cell; sizes (m,)."""
-    lowest = lowest_quality(points, cells, sizes, metric="skew", worst=1)  # in one pass that stores nothing
+    lowest = lowest_quality(points, cells, sizes, metric="skew", worst=1)  # in one pass that stores no array
     if lowest.inverted or not lowest.metric.min > _FLAT_SKEW:
         _refuse_geometry(points, cells, sizes)
 
 
 def _boundary_of(points: Floats, listed: CellTable, read: OrientedCells) -> Integers:
-    """(b,) nodes of the boundary. Mirrored cells that overlap their neighbours were inverted: a folded mesh."""
+    """(b,) nodes of the boundary. Mirrored cells that overlap their neighbours were inverted: the mesh is folded."""
     try:
         return boundary_nodes(read.cells)
     except InvalidInput as error:
@@ -190,7 +190,7 @@ def _refuse_geometry(points: Floats, cells: CellTable, sizes: Floats) -> NoRetur
     cell, count = int(np.argmax(bad)), int(np.count_nonzero(bad))
     block, row = cells.locate(cell)
     corners = points[block.nodes[row][block.type.corner_array]]
-    with np.errstate(divide="ignore"):  # numpy takes the logarithm of edges of nearly zero length
+    with np.errstate(divide="ignore"):  # log of nearly zero edge lengths
         determinants = np.linalg.det(corners[:, 1:] - corners[:, :1])
     size = block.type.size_factor * float(determinants.sum())
     raise InvalidInput(
@@ -225,7 +225,7 @@ def _coincident(pairs: Integers) -> list[str]:
 
 
 def nodes_in_no_cell(n: int, cells: CellTable) -> Integers:
-    """Those of ``n`` nodes that no cell has, ascending."""
+    """The nodes of ``n`` that are in no cell, ascending."""
     used = np.zeros(n, dtype=bool)
     for block in cells:
         used[block.nodes] = True

@@ -5,7 +5,7 @@
 
 To find only the worst cells, a comparison of sixth powers excludes most tetrahedra
 (``kernels/src/quality/summaries.h``).
-Bounds on the change of a cell since another motion were measured and are not used: a bound per chunk of 128 cells from
+Bounds on the change of a cell since another motion were tried and are not used: a bound per chunk of 128 cells from
 the range of its nodes' displacements is 45 times the true distortion; without the chunk's affine part, it costs half as
 much as evaluating all cells.
 """

@@ -1,8 +1,8 @@
 """Mesh quality: relative size, skew and size-skew of every cell (thesis §2.3).
 
 The size metric compares a cell with itself in the reference mesh, ``τ = Σ_k α_k / Σ_k α_k⁰`` with the corner
-determinants α_k (on a line the ratio of lengths (3.6)), ``size = sign(τ) · min(|τ|, 1/|τ|)``: thesis (2.13), which as
-printed sums the ratios and so gives n for an undeformed cell. Skew is absolute: 1 for the ideal cell, 0 for a
+determinants α_k (on a line the ratio of lengths (3.6)), ``size = sign(τ) · min(|τ|, 1/|τ|)``: thesis (2.13), which, as
+printed, sums the ratios and so gives n for an undeformed cell. Skew is absolute: 1 for the ideal cell, 0 for a
 degenerate one. It is computed from the entries of λ = AᵀA (3.22), thesis (2.14), (3.30); the formulas of all cell types
 are in ``kernels/src/quality/cell_types.h``. Size and skew are combined to
 
@@ -18,12 +18,13 @@ metric                  formula                            source
                         to the cell at rest
 ======================  =================================  =========================================
 
-The last one compares both with the cell itself in the reference mesh: 1 at rest and after any rigid motion of the cell,
-whatever its shape. Of triangles and tetrahedra the relative shape is ``min(1, skew / skew at rest)``: a triangle of a
-boundary layer that is a thousand times as long as high always has a skew of 1e-3; its relative shape falls when its
-height does. Of other cells it is the smallest ``d det(T)^(2/d) / |T|²_F`` of ``T = A_k A_k⁰⁻¹`` over the corners: the
-skew of (2.14) sees their angles alone and is 1 for every rectangle, T sees the aspect ratio too. It is the worst corner
-and not a mean, because a flow solver feels the worst corner: a mean over a quad's corners may be three times as good.
+The last one compares size and shape with the cell itself in the reference mesh: it is 1 at rest and after any rigid
+motion of the cell, for every shape. For triangles and tetrahedra the relative shape is ``min(1, skew / skew at rest)``:
+a triangle of a boundary layer that is a thousand times as long as high always has a skew of 1e-3; its relative shape
+falls when its height falls. For other cells it is the smallest ``d det(T)^(2/d) / |T|²_F`` of ``T = A_k A_k⁰⁻¹`` over
+the corners: the skew of (2.14) depends only on their angles and is 1 for every rectangle, but T also depends on the
+aspect ratio. The worst corner is used and not a mean, because the worst corner affects a flow solver: a mean over a
+quad's corners may be three times as good.
 
 Skew is never negative. A cell whose corners are all inverted has the skew of its mirror image, so size-skew
 distinguishes a badly inverted cell from a slightly inverted one; a cell with only some corners inverted has skew 0. A
@@ -111,7 +112,7 @@ class CellQuality:
         return len(self.size)
 
     def subset(self, numbers: Integers | slice) -> CellQuality:
-        """The quality of the cells with the given numbers only, in that order."""
+        """The quality of only the cells with the given numbers, in that order."""
         relative = None if self.relative is None else self.relative[numbers]
         return CellQuality(self.size[numbers], self.skew[numbers], self.inverted[numbers], relative)
 
@@ -122,7 +123,7 @@ class CellQuality:
 
     @property
     def relative_shape(self) -> Floats:
-        """Shape relative to that at rest (m,), at most 1; InvalidInput if the cells at rest are not known."""
+        """Shape relative to the cell at rest (m,), at most 1; InvalidInput if the cells at rest are not known."""
         if self.relative is None:
             raise _unknown_rest()
         return self.relative
@@ -157,10 +158,10 @@ class CellsAtRest:
     Attributes
     ----------
     sizes : (m,) array
-        Of :func:`reference_sizes`.
+        Result of :func:`reference_sizes`.
     skews : (m,) array
     points : (n, d) array, mesh length unit
-        Of the reference mesh's nodes.
+        Coordinates of the reference mesh's nodes.
     """
 
     sizes: Floats
@@ -240,7 +241,7 @@ def judged(
 
 
 def as_positions(points: NDArray[np.floating], dimension: int) -> Floats:
-    """Points in the form that compiled loops need; InvalidInput if they are not (n, d) with the cells' dimension."""
+    """Points in the form for the compiled loops; InvalidInput if they are not (n, d) with the cells' dimension."""
     positions = np.ascontiguousarray(points, dtype=np.float64)
     if positions.ndim != 2 or positions.shape[1] != dimension:
         raise InvalidInput(
@@ -277,7 +278,7 @@ def cells_at_rest(points: NDArray[np.floating], cells: CellTable, sizes: Floats 
     ----------
     points : (n, d) array, mesh length unit
     sizes : (m,) array, optional
-        Of :func:`reference_sizes`, if they are known.
+        Result of :func:`reference_sizes`, if it is known.
     """
     sizes = reference_sizes(points, cells) if sizes is None else sizes
     positions = as_positions(points, cells.dimension)
@@ -326,10 +327,10 @@ def subset_quality(
 
 
 def corner_quality(points: NDArray[np.floating], cells: CellTable, rest: CellsAtRest) -> Floats:
-    """(m,) quality of each cell's worst corner against itself at rest: shape · √size, of quads and hexahedra angles.
+    """(m,) quality of each cell's worst corner relative to rest: shape · √size, for quads and hexahedra also angles.
 
-    A cell without a corner below ``exp(−f)`` has no distortion above f in the smooth correction; its metric is named
-    :data:`WORST_CORNER` where regions are chosen.
+    A cell without a corner below ``exp(−f)`` has no distortion above f in the smooth correction; its metric has the
+    name :data:`WORST_CORNER` in the choice of regions.
     """
     positions, out = as_positions(points, cells.dimension), np.empty(len(cells))
     for block, rows in cells.numbered:

@@ -39,7 +39,7 @@ class OrientedCells(NamedTuple):
     cells : CellTable
         The same table object if no cell was mirrored.
     sizes : (m,) array
-        Of :func:`~mesh_motion_numerics.quality.metrics.reference_sizes`.
+        Result of :func:`~mesh_motion_numerics.quality.metrics.reference_sizes`.
     mirrored : (k,) int64 array
         Numbers of the mirrored cells, ascending.
     """
@@ -70,7 +70,7 @@ def oriented(points: NDArray[np.floating], cells: CellTable) -> OrientedCells:
     Parameters
     ----------
     points : (n, d) array, mesh length unit
-        Of the reference mesh.
+        Coordinates of the reference mesh.
     cells : CellTable
         With valid node indices.
     """
@@ -78,7 +78,7 @@ def oriented(points: NDArray[np.floating], cells: CellTable) -> OrientedCells:
     negative = np.flatnonzero(sizes < 0.0)
     if not len(negative):
         return OrientedCells(cells, sizes, negative)
-    # the skew of a cell is 0 where its corners have different signs
+    # the skew of a cell is 0 if its corners have different signs
     mirrored = negative[subset_quality(points, cells, sizes, negative).skew > 0.0]
     if len(mirrored):
         cells = _mirrored(cells, mirrored)
@@ -93,7 +93,7 @@ def oriented_at_rest(points: NDArray[np.floating], cells: CellTable) -> tuple[Ce
 
 
 def _mirrored(cells: CellTable, numbers: Integers) -> CellTable:
-    """The cells, with those of these numbers replaced by their mirror images."""
+    """The cells, in which those with these numbers are replaced by their mirror images."""
     blocks = []
     for block, span in cells.numbered:
         rows = numbers[(numbers >= span.start) & (numbers < span.stop)] - span.start

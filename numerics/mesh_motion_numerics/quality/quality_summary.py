@@ -1,4 +1,4 @@
-"""The values in which the quality of a mesh is reported: extremes, mean, percentiles and the worst cells."""
+"""The values of a quality report: extremes, mean, percentiles and the worst cells."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ class Minimum:
 
 @dataclass(frozen=True)
 class LowestQuality:
-    """The worst cells of a mesh, which decide about it, without the distributions; all exact.
+    """The worst cells of a mesh, which decide about a motion, without the distributions; all exact.
 
     Attributes
     ----------
@@ -96,7 +96,7 @@ class LowestQuality:
 
     @property
     def reported(self) -> dict[str, Minimum]:
-        """What a report says, by name."""
+        """The metrics of a report, by name."""
         return {"metric": self.metric}
 
 
@@ -135,7 +135,7 @@ class QualitySummary:
 
     @property
     def reported(self) -> dict[str, Distribution]:
-        """What a report says, by name."""
+        """The metrics of a report, by name."""
         return {"size": self.size, "skew": self.skew, "size_skew": self.size_skew, "metric": self.metric}
 
 
@@ -144,7 +144,7 @@ Judgement = QualitySummary | LowestQuality
 
 
 def reported_metrics(metric: str) -> list[str]:
-    """The metrics whose distributions a report has; the session's metric is last if it is none of the others."""
+    """The metrics whose distributions a report has; the session's metric comes last if it is none of the others."""
     return list(dict.fromkeys(("size", "skew", "size-skew", metric)))
 
 

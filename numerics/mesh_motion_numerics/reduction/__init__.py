@@ -1,7 +1,7 @@
 """Point reduction: the displacement of a boundary from few of its nodes (thesis §2.2).
 
-:data:`REDUCTIONS` chooses by name. The error that remains at the boundary nodes is in ``Reduced.error``. The other
-algorithms that the thesis reviews are compared with these in docs/studies/thesis.
+:data:`REDUCTIONS` has the algorithms by name. The error that remains at the boundary nodes is in ``Reduced.error``. The
+other algorithms that the thesis reviews are compared with these in docs/studies/thesis.
 """
 
 from collections.abc import Callable
@@ -17,7 +17,7 @@ Reduction = Callable[[ReductionProblem], Reduced]
 
 
 def repeatable(reduce: Reduction) -> Reduction:
-    """The algorithm, bitwise the same for any number of threads."""
+    """Make the algorithm bitwise repeatable for any number of threads."""
 
     @wraps(reduce)
     def run(problem: ReductionProblem) -> Reduced:

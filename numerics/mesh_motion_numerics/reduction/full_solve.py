@@ -22,6 +22,6 @@ def full_weights(problem: ReductionProblem, selected: Integers) -> Floats:
 
 
 def full_operations(problem: ReductionProblem, count: int) -> float:
-    """Multiply-adds of that: a Cholesky factor of order ``count``, and both substitutions for k right-hand sides."""
+    """Multiply-adds of a solution: a Cholesky factor of order ``count``, two substitutions for k right-hand sides."""
     components = int(problem.displacement.shape[1])
     return float(count) ** 3 / 6.0 + components * float(count) ** 2

@@ -2,8 +2,8 @@
 
 The boundary nodes are divided into m groups. Each iteration computes the errors of *one* group only and adds its node
 of largest error; the next iteration uses the next group, cyclically. So every node is tested, with ``N_c N_b / m``
-values of φ per iteration instead of ``N_c N_b``. It ends when a whole cycle is within the tolerance and no node was
-added in between: then all nodes are within it.
+values of φ per iteration instead of ``N_c N_b``. The algorithm ends when a whole cycle is within the tolerance and no
+node was added in between: then all nodes are within the tolerance.
 
 References
 ----------
@@ -21,9 +21,9 @@ from mesh_motion_numerics.reduction.progress import Progress, lengths
 
 __all__ = ["default_groups", "greedy", "reduce", "select"]
 
-#: Fewest nodes of a group …
+#: Smallest number of nodes in a group …
 _MIN_GROUP = 32
-#: … and most groups.
+#: … and largest number of groups.
 _MAX_GROUPS = 32
 
 
@@ -52,7 +52,7 @@ def reduce(problem: ReductionProblem, *, groups: int = 0) -> Reduced:
 
     Notes
     -----
-    The history holds the errors of one group each, and at the end those of all nodes.
+    Each entry of the history has the errors of one group, the last one those of all nodes.
     """
     progress = Progress(problem)
     selected = select(problem, groups or default_groups(problem.n_points), progress)
@@ -64,7 +64,7 @@ def reduce(problem: ReductionProblem, *, groups: int = 0) -> Reduced:
 
 
 def select(problem: ReductionProblem, m: int, progress: Progress) -> Integers:
-    """(nc,) nodes in the order of choice, from ``m`` groups; ``progress`` gains the errors of each."""
+    """(nc,) nodes in the order of choice, from ``m`` groups; ``progress`` records the errors of each."""
     free = np.ones(problem.n_points, dtype=bool)
     growing = GrowingSet(problem)
     worst: int | None = problem.start

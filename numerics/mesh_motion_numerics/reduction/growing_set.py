@@ -1,8 +1,8 @@
-"""A set of nodes that grows one by one, and its weights, for two products of its size each (thesis §2.2.3: N_c³).
+"""A set of nodes that grows one by one, and its weights, by two products of its size each (thesis §2.2.3: N_c³).
 
-With ``φ_cc = L Lᵀ`` the weights are ``γ = L⁻ᵀ y, y = L⁻¹ d``. A further node appends a row to L and so one, w, to
-``W = L⁻¹``, and an entry to y: the error that the earlier nodes leave at the new one, scaled. So ``γ = Σ_j w_j y_j``
-only gains a term, and no substitution is ever repeated.
+With ``φ_cc = L Lᵀ`` the weights are ``γ = L⁻ᵀ y, y = L⁻¹ d``. A further node appends a row to L, a row w to
+``W = L⁻¹``, and an entry to y: the scaled error of the earlier nodes at the new one. So ``γ = Σ_j w_j y_j`` only gains
+a term, and no substitution is ever repeated.
 """
 
 import numpy as np
@@ -14,7 +14,7 @@ from mesh_motion_numerics.reduction.problem import ReductionProblem
 __all__ = ["LOST", "GrowingSet", "singular"]
 
 LOST = 64 * float(np.finfo(float).eps)
-"""A pivot this small against φ(0) carries no correct digit: its point is numerically equal to a selected one."""
+"""A pivot this small relative to φ(0) has no correct digit: its point is numerically equal to a selected one."""
 
 _FIRST_CAPACITY = 64
 
@@ -65,7 +65,7 @@ class GrowingSet:
         self._weights[: n + 1] += np.outer(new, left / np.sqrt(pivot))
         self._selected[n] = node
         self.count += 1
-        return float(n) * n  # two products with a triangle
+        return float(n) * n  # two products with a triangular matrix
 
     def _reserve(self, size: int) -> None:
         """Allocate memory for ``size`` nodes."""

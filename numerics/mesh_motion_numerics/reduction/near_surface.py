@@ -1,13 +1,13 @@
-"""The boundary made exact after a reduction: the error left at all boundary nodes, interpolated near the surface.
+"""The boundary made exact after a reduction: the remaining error at all boundary nodes, interpolated near the surface.
 
-Setting the boundary nodes to their targets alone puts the whole error into the first layer of cells, and inverts a
+If only the boundary nodes are set to their targets, the whole error goes into the first layer of cells, and inverts a
 boundary layer that is thinner than the error. So the error is interpolated too, from all boundary nodes, with a compact
 function of small support: the matrix is sparse, the field vanishes a few boundary spacings away, it is smooth and has
 the same gradient as any interpolant. Then the nodes are set.
 
-The radius is four spacings of the moving boundary; doubled until it is ten times the largest error, so that the
-gradient of the correction stays below about a fifth; at most the support radius of the motion itself. It takes steps of
-two so that nearly the same displacements share a factorization.
+The radius is four spacings of the moving boundary. It is doubled until it is ten times the largest error, so that the
+gradient of the correction stays below about a fifth; it is at most the support radius of the motion itself. Because it
+is doubled, similar displacements share a factorization.
 
 Measured, minimum size-skew of the cells at the moving surface. "decay": the error of the nearest boundary node times
 φ(distance / r), the cheap correction of the literature, which has a jump wherever the nearest node changes.
@@ -37,13 +37,13 @@ from mesh_motion_numerics.mesh.spacing import local_spacing
 __all__ = ["BASIS", "boundary_spacing", "near_surface_radius"]
 
 BASIS = "wendland-c2"
-"""Compact, positive definite, with a gradient at its centres, whatever the basis of the motion is."""
+"""The correction's basis for every basis of the motion: compact, positive definite, with a gradient at its centres."""
 
 _SPACINGS, _ERRORS = 4.0, 10.0
 
 
 def boundary_spacing(points: Floats) -> float:
-    """Median distance of (n, d) points to their nearest neighbours, mesh length unit; 0 of a single point."""
+    """Median distance of (n, d) points to their nearest neighbours, mesh length unit; 0 for a single point."""
     if len(points) < 2:
         return 0.0
     return float(np.median(local_spacing(points)))
@@ -55,11 +55,11 @@ def near_surface_radius(spacing: float, largest_error: float, widest: float) -> 
     Parameters
     ----------
     spacing : float, mesh length unit
-        Of the moving boundary; 0 where there is none.
+        Spacing of the moving boundary; 0 if there is none.
     largest_error : float, mesh length unit
-        Left at a boundary node.
+        Largest remaining error at a boundary node.
     widest : float, mesh length unit
-        The support radius of the motion, or the extent of the boundary where its basis has none.
+        The support radius of the motion, or the extent of the boundary if its basis has none.
     """
     radius = _SPACINGS * spacing if spacing > 0.0 else widest
     while radius < _ERRORS * largest_error and radius < widest:

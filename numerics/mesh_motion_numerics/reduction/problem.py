@@ -1,7 +1,7 @@
 """The input and result of every point reduction (thesis §2.2.1–2.2.3).
 
 A reduction interpolates the displacement of all boundary nodes from few of them. All algorithms have one calling
-convention, ``reduce(problem) -> Reduced``, so that they can be exchanged by name and compared on one footing.
+convention, ``reduce(problem) -> Reduced``, so that they can be exchanged by name and compared.
 """
 
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ from mesh_motion_numerics.mesh.points import padded
 __all__ = ["Iterate", "Level", "Reduced", "ReductionProblem"]
 
 
-#: A level is an interpolant: weights on a subset of the boundary nodes, with a support radius of its own.
+#: A level is an interpolant: weights on a subset of the boundary nodes, with its own support radius.
 Level = Interpolant
 
 
@@ -36,13 +36,13 @@ class ReductionProblem:
     displacement : (nb, k) array, mesh length unit
         C-contiguous.
     basis : str
-        A positive definite one of :data:`~mesh_motion_numerics.interpolation.kernels.BASES`.
+        A positive definite basis of :data:`~mesh_motion_numerics.interpolation.kernels.BASES`.
     support_radius : float, mesh length unit
         R of the (first) level.
     tolerance : float
         Allowed largest error of a node, as a share of the largest displacement; 0 asks for all nodes.
     max_points : int
-        Most nodes that may be selected; 0: no bound.
+        Largest number of selected nodes; 0: no limit.
 
     Raises
     ------
@@ -67,7 +67,7 @@ class ReductionProblem:
 
     @property
     def limit(self) -> int:
-        """Most nodes that may be selected."""
+        """Largest number of nodes that may be selected."""
         return min(self.max_points or self.n_points, self.n_points)
 
     @cached_property
@@ -82,12 +82,12 @@ class ReductionProblem:
 
     @property
     def allowed_error(self) -> float:
-        """Largest error of a node that meets the tolerance, mesh length unit."""
+        """Largest error of a node that satisfies the tolerance, mesh length unit."""
         return self.tolerance * self.largest
 
     @property
     def start(self) -> int:
-        """The node every algorithm starts from: the first of the largest displacement (never a random one)."""
+        """The first node of every algorithm: the first one with the largest displacement (never a random one)."""
         return int(np.argmax(_squared_lengths(self.displacement)))
 
     def columns(self, selected: Integers, *, rows: Integers | None = None) -> Floats:
@@ -120,10 +120,11 @@ class Iterate:
     points : int
         Nodes selected.
     max_error, rms_error : float, mesh length unit
-        Of the errors' lengths over the nodes that the algorithm looked at (all of them unless it says otherwise).
+        Maximum and root mean square of the errors' lengths at the nodes that the algorithm tested (all nodes unless it
+        says otherwise).
     solve_operations, error_operations : float
         Multiply-adds so far for weights (the N_c⁴ or N_c³ of thesis Table 2.3), and evaluations of φ or stored entries
-        used so far for errors (the N_c² N_b). Counted, not timed: they repeat.
+        used so far for errors (the N_c² N_b). These are counts and not times, so that they are repeatable.
     """
 
     points: int
@@ -144,7 +145,7 @@ class Reduced:
     selected : (nc,) int64 array
         Boundary nodes in the order of choice, each once.
     error : (nb, k) array, mesh length unit
-        Left at all boundary nodes: prescribed minus interpolated, thesis (2.12).
+        Remaining error at all boundary nodes: prescribed minus interpolated, thesis (2.12).
     """
 
     levels: tuple[Level, ...]

@@ -1,4 +1,4 @@
-"""What the reductions share: errors so far, counted cost, and whether to go on."""
+"""Common data of the reductions: errors so far, counted cost, and whether to continue."""
 
 import numpy as np
 
@@ -27,10 +27,10 @@ class Progress:
         self._error += error
 
     def record(self, points: int, error: Floats) -> bool:
-        """Remember the (n, k) errors left with so many points; whether that is enough.
+        """Record the (n, k) remaining errors with this number of points; return whether to stop.
 
-        Enough means: the tolerance is met, or no further point may be selected. A tolerance of 0 is met by a zero
-        error only, so that rounding does not decide when it ends.
+        The end is reached if the tolerance is met, or if no further point may be selected. A tolerance of 0 is met only
+        by a zero error, so that rounding does not decide about the end.
         """
         size = lengths(error)
         largest = float(size.max())

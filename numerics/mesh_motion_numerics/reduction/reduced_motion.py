@@ -1,7 +1,7 @@
 """The interpolation of one motion from few control points, exact at all of them: reduction and near-surface correction.
 
-Joins the point reductions (:mod:`.reduction`) to the standard motion: the method's keys on one side, interpolants to
-add up on the other.
+Connects the point reductions (:mod:`.reduction`) with the standard motion: from the method's keys it makes interpolants
+whose sum is the displacement.
 """
 
 from dataclasses import dataclass, replace
@@ -18,7 +18,7 @@ from mesh_motion_numerics.reduction.near_surface import BASIS, near_surface_radi
 __all__ = ["ReducedInterpolation", "interpolate_reduced"]
 
 
-#: An error this small against the largest displacement is rounding: setting the nodes takes care of it.
+#: An error below this share of the largest displacement is rounding: setting the nodes removes it.
 _ROUNDING = 1e-12
 
 
@@ -29,7 +29,7 @@ class ReducedInterpolation:
     Attributes
     ----------
     levels : tuple of Interpolant
-        Those of the reduction, then the near-surface correction where an error was left.
+        Levels of the reduction, then the near-surface correction if an error remains.
     selected : (nc,) int64 array
         Rows of the boundary that the reduction chose, in their order.
     """
@@ -47,11 +47,11 @@ def interpolate_reduced(
     ----------
     points, displacement : (nb, d) arrays, mesh length unit
     method : Method
-        With the support radius filled in.
+        The method with its support radius set.
     factors : FactorSource
         Keeps the factorization of the near-surface correction.
     spacing : float, mesh length unit
-        Of the moving boundary.
+        Spacing of the moving boundary.
     """
     radius = float(method.support_radius or 1.0)
     problem = ReductionProblem(

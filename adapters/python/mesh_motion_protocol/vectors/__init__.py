@@ -1,4 +1,4 @@
-"""Golden vectors: frames as hex with the message they mean, or the error code they must raise.
+"""Golden vectors: frames as hex, with the message that they contain or the error code that they must raise.
 
 ``valid.json`` and ``invalid.json`` are lists of cases for any language; :mod:`.generate` writes them again.
 """
@@ -13,7 +13,7 @@ __all__ = ["load"]
 
 
 def load(name: str) -> list[dict[str, Any]]:
-    """The cases of ``"valid"`` or ``"invalid"``."""
+    """Return the cases of ``"valid"`` or ``"invalid"``."""
     text = resources.files(__name__).joinpath(f"{name}.json").read_text(encoding="utf-8")
     cases: list[dict[str, Any]] = json.loads(text)
     return cases

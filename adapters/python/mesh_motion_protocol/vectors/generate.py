@@ -1,7 +1,7 @@
 """Writes the golden vectors: ``python -m mesh_motion_protocol.vectors.generate``.
 
-The valid ones come from :mod:`.samples` and from headers packed by hand that a sender may also write; the invalid ones
-are a valid message with one thing wrong.
+The valid vectors come from :mod:`.samples` and from headers packed by hand, in other forms that a sender may use; each
+invalid vector is a valid message with one error.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ Header = dict[str, Any]
 
 
 def plain_message(message: Message) -> dict[str, Any]:
-    """A message as JSON values: binary as ``{"hex": …}``, arrays as ``{"dtype", "shape", "values"}``."""
+    """Return a message as JSON values: binary as ``{"hex": …}``, arrays as ``{"dtype", "shape", "values"}``."""
     schema = schema_of(type(message))
     arrays = {spec.name: _plain_array(getattr(message, spec.name)) for spec in schema.arrays}
     return {
@@ -42,7 +42,7 @@ def plain_message(message: Message) -> dict[str, Any]:
 
 
 def valid_cases() -> list[dict[str, Any]]:
-    """Frames that are messages. ``canonical``: encoding the message gives the same frames."""
+    """Return frames that are messages. ``canonical``: encoding the message gives the same frames."""
     cases = [_valid(message.type.lower(), "12", _frames(message), canonical=True) for message in MESSAGES]
     for name, section, frames in _variants():
         cases.append(_valid(name, section, frames, canonical=False))
@@ -50,7 +50,7 @@ def valid_cases() -> list[dict[str, Any]]:
 
 
 def invalid_cases() -> list[dict[str, Any]]:
-    """Frames that are no messages, with the error code and why."""
+    """Return frames that are no messages, with the error code and the reason."""
     groups = {"4": (*_broken_headers(), *_broken_keys()), "12": _broken_fields(), "5": _broken_arrays()}
     return [
         {"name": name, "section": section, "frames": [frame.hex() for frame in frames], "error": code, "why": why}
@@ -60,7 +60,7 @@ def invalid_cases() -> list[dict[str, Any]]:
 
 
 def render(cases: list[dict[str, Any]]) -> str:
-    """The file's text: one case a line, so that a change shows as a line."""
+    """Return the file's text: one case a line, so that each change shows as one line."""
     return "[\n" + ",\n".join(json.dumps(case, ensure_ascii=False) for case in cases) + "\n]\n"
 
 
@@ -90,12 +90,12 @@ def _plain(value: Any) -> Any:
 def _plain_array(array: Any) -> dict[str, Any] | None:
     if array is None:
         return None
-    wide = f"<{array.dtype.kind}8"  # in whichever width it is held
+    wide = f"<{array.dtype.kind}8"  # independent of the item width
     return {"dtype": wide, "shape": list(array.shape), "values": array.ravel().tolist()}
 
 
 def _header(kind: str, change: Callable[[Header], Any] | None = None) -> Header:
-    """The header of the sample of this type, changed in one place."""
+    """Return the header of the sample of this type, with one change."""
     header: Header = msgpack.unpackb(encode(_BY_TYPE[kind])[0], strict_map_key=False)
     if change is not None:
         change(header)
@@ -119,7 +119,7 @@ def _array(kind: str, key: str, value: Any) -> Frames:
 
 
 def _variants() -> Iterable[tuple[str, str, Frames]]:
-    """Other spellings that a receiver must take."""
+    """Return other encodings that a receiver must accept."""
     narrow = np.array([[0.5, -0.25], [0.125, 3.0]], dtype="<f4").tobytes()
     yield "move-f4-is-widened", "5.1", [_array("MOVE", "dtype", "<f4")[0], narrow]
     moving = np.array([2, 3], "<i4").tobytes()
@@ -174,12 +174,12 @@ def _variants() -> Iterable[tuple[str, str, Frames]]:
 
 
 def _nested(levels: int) -> Any:
-    """1 inside so many arrays."""
+    """Return 1 inside this many nested arrays."""
     return [_nested(levels - 1)] if levels else 1
 
 
 def _broken_headers() -> Iterable[tuple[str, Frames, str, str]]:
-    """Frame 0 itself."""
+    """Return cases with an error in frame 0 itself."""
     ping = _frames(_BY_TYPE["PING"])[0]
     code = "INVALID_ARGUMENT.HEADER"
     yield "empty-header", [b""], code, "frame 0 has no byte"
@@ -208,7 +208,7 @@ def _broken_headers() -> Iterable[tuple[str, Frames, str, str]]:
 
 
 def _broken_keys() -> Iterable[tuple[str, Frames, str, str]]:
-    """The six keys of the header."""
+    """Return cases with an error in the six keys of the header."""
     code = "INVALID_ARGUMENT.HEADER"
     for key in ("type", "client", "sequence", "fields", "arrays"):
         yield f"without-{key}", _changed("PING", _without(key)), code, f"the key {key} is missing"
@@ -231,7 +231,7 @@ def _broken_keys() -> Iterable[tuple[str, Frames, str, str]]:
 
 
 def _broken_fields() -> Iterable[tuple[str, Frames, str, str]]:
-    """Fields of requests."""
+    """Return cases with an error in the fields of requests."""
     header, value = "INVALID_ARGUMENT.HEADER", "INVALID_ARGUMENT.VALUE"
     yield "field-missing", _changed("MOVE", lambda h: h["fields"].pop("step")), header, "step has no default"
     yield (
@@ -265,7 +265,7 @@ def _broken_fields() -> Iterable[tuple[str, Frames, str, str]]:
 
 
 def _broken_arrays() -> Iterable[tuple[str, Frames, str, str]]:
-    """Declarations of arrays and their frames."""
+    """Return cases with an error in the declarations of arrays or in their frames."""
     dtype, shape, count = (f"INVALID_ARGUMENT.{detail}" for detail in ("DTYPE", "SHAPE", "FRAMES"))
     header = "INVALID_ARGUMENT.HEADER"
     for text in ("O", ">f8", "<f2", "float64", "S2147483647", "<i8"):

@@ -1,4 +1,4 @@
-"""One message of every type with fixed content: what the valid vectors are made from."""
+"""One message of every type with fixed content: the source of the valid vectors."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _FACES = {"faces": 1, "max_non_orthogonality": 12.5, "faces_above_65": 0, "faces
               {"partition": 0, "type": "triangle", "cell": 0, "centre": [0.5, 0.5], "non_orthogonality": 12.5,
                "neighbour": {"partition": 0, "type": "triangle", "cell": 1}}]}  # fmt: skip
 
-#: A sample of each type, in the order of the messages' catalogue.
+#: A sample of each type, in the order of the catalogue of messages.
 MESSAGES: tuple[m.Message, ...] = (
     m.Hello(**_ID, versions=[[1, 0]], features=[], agent="sample 1.0"),
     m.Welcome(**_ID, version=[1, 0], features=[], server="mesh-motion-server 0.1.0", boot=bytes(range(16, 32)),

@@ -1,4 +1,4 @@
-// What every call of the C interface shares: no exception leaves it, and no array is read that was not given.
+// Common parts of all calls of the C interface: no exception leaves a call, and no missing array is read.
 #pragma once
 
 #include <limits>
@@ -10,10 +10,10 @@
 
 namespace mesh_motion {
 
-/// Keeps what mesh_motion_kernels_error() returns in this thread.
+/// Stores the text that mesh_motion_kernels_error() returns in this thread.
 void keep_error(const char* message) noexcept;
 
-/// f(), with its exceptions as numbers.
+/// Calls f() and returns its exceptions as numbers.
 template <class F>
 int answered(F&& f) noexcept {
     try {
@@ -30,19 +30,19 @@ int answered(F&& f) noexcept {
     }
 }
 
-/// Refuses an argument by its name.
+/// Refuses an argument, with its name.
 inline void expect(bool holds, const char* name, const char* expected) {
     if (!holds) throw std::invalid_argument(std::string(name) + ": expected " + expected);
 }
 
-/// What a pointer points at.
+/// The object that a pointer points at.
 template <class T>
 T& given(T* handle, const char* name) {
     expect(handle, name, "a pointer that is not NULL");
     return *handle;
 }
 
-/// An array that came as a pointer.
+/// A view of an array that was passed as a pointer.
 template <class T, std::size_t N>
 View<T, N> array(const char* name, T* data, std::array<Index, N> shape) {
     Index size = 1;
@@ -61,7 +61,7 @@ inline Vector<const double> finite(const char* name, Vector<const double> values
     return values;
 }
 
-/// The row of a table that has a name.
+/// The row of a table with this name.
 template <class Table>
 auto& named(const char* argument, const char* name, Table& table) {
     std::string known;
@@ -72,7 +72,7 @@ auto& named(const char* argument, const char* name, Table& table) {
     throw std::invalid_argument(std::string(argument) + ": expected one of " + known + ", got '" + name + "'");
 }
 
-/// fill(out), or out += what it fills.
+/// Calls fill(out), or adds the filled values to out.
 template <class View, class F>
 void write_or_add(int mode, View out, F&& fill) {
     expect(mode == MESH_MOTION_WRITE || mode == MESH_MOTION_ADD, "mode", "MESH_MOTION_WRITE or MESH_MOTION_ADD");

@@ -1,4 +1,4 @@
-// Cells as numerics/quality/metrics.py judges them.
+// Cells, judged in the same way as in numerics/quality/metrics.py.
 #include <memory>
 
 #include "c_interface/held_cells.h"
@@ -9,7 +9,8 @@ using namespace mesh_motion;
 
 namespace {
 
-/// What the two calls that look for the worst cells share. Without cells there is no dimension, and nothing is read.
+/// Common arguments of the two calls that find the worst cells. Without cells there is no dimension, and nothing is
+/// read.
 struct Request {
     Matrix<const double> points;
     Blocks blocks;
@@ -35,7 +36,7 @@ struct Request {
     }
 };
 
-/// The facets of the boundary: visit(nodes of its cell, local nodes of the facet), in the order of the cells.
+/// Calls visit(nodes of its cell, local nodes of the facet) for each facet of the boundary, in the order of the cells.
 template <class Visit>
 void for_boundary(const mesh_motion_cells& held, Visit&& visit) {
     std::vector<Node> all;

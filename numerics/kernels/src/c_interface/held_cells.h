@@ -1,4 +1,4 @@
-// The cells of a mesh as callers of the C interface hold them.
+// The cells of a mesh, as the C interface stores them for its callers.
 #pragma once
 
 #include <tuple>
@@ -54,7 +54,7 @@ struct mesh_motion_cells {
         return all;
     }
 
-    /// Type, number within it, and nodes of a cell.
+    /// Type, number within the type, and nodes of a cell.
     std::tuple<const mesh_motion::Kind*, mesh_motion::Index, const mesh_motion::Node*> at(
         mesh_motion::Index cell) const {
         for (const auto& [type, rows] : held) {
@@ -65,7 +65,7 @@ struct mesh_motion_cells {
         throw std::out_of_range("a cell that is none");
     }
 
-    /// f(block, first) for each block with the number of its first cell.
+    /// Calls f(block, first) for each block, with the number of its first cell.
     template <class F>
     void by_block(F&& f) const {
         mesh_motion::Index first = 0;

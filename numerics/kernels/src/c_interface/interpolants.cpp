@@ -1,4 +1,4 @@
-// Interpolants and nested splines as numerics/interpolation/evaluation.py evaluates them.
+// Interpolants and nested splines, evaluated in the same way as in numerics/interpolation/evaluation.py.
 #include <memory>
 #include <mutex>
 #include <optional>
@@ -14,7 +14,7 @@
 namespace mesh_motion {
 namespace {
 
-/// In the order of `Bases`; what numerics/interpolation/kernels.py says of them.
+/// Properties of the basis functions, as in numerics/interpolation/kernels.py, in the order of `Bases`.
 constexpr struct Row {
     const char* name;
     bool compact, gradient_at_centre;
@@ -25,7 +25,7 @@ constexpr struct Row {
              {"iqb", false, true},        {"gauss", false, true}};
 static_assert(std::size(bases) == std::tuple_size_v<Bases>);
 
-/// Points (n, d) with three coordinates, missing ones zero; all rows, or those with given numbers.
+/// Points (n, d) with three coordinates, of which missing ones are zero; all rows, or the rows with given numbers.
 class Padded {
   public:
     explicit Padded(Matrix<const double> points) : Padded(points, points.shape(0), [](Index i) { return i; }) {
@@ -52,17 +52,17 @@ struct Polynomial {
     double scale;
 };
 
-/// Finds the points in reach of a compact interpolant, and the centres in reach of those.
+/// Finds the points within reach of a compact interpolant, and the centres within reach of these points.
 struct Reach {
     std::unique_ptr<bool[]> cells;     // of mark_neighbours
     Index count;
-    std::optional<StoredCells> small;  // where the layout's own cells had to be far wider than the support radius
+    std::optional<StoredCells> small;  // only if the layout's own cells are far wider than the support radius
 };
 
-/// As assembly.py: the layout's own grid finds centres unless its cells, and all centres, are so many radii wide.
+/// As in assembly.py: the layout's own grid finds centres, unless its cells and all centres are this many radii wide.
 constexpr double wider = 1.5, slack = 1.0 + 1e-6;
 
-/// Rows whose entries are in memory at a time; those of all rows may not fit into it.
+/// Number of rows whose entries are in memory at a time; the entries of all rows may not fit.
 constexpr Index rows_at_once = 1 << 13;
 
 }  // namespace
@@ -83,7 +83,7 @@ struct mesh_motion_interpolant {
     int code() const { return static_cast<int>(basis - bases); }
     Index centres() const { return layout.order.shape[0]; }
 
-    /// sum_values or sum_gradients.
+    /// The kernels sum_values or sum_gradients.
     template <class Sum, class Out>
     void sum(Sum&& loop, Matrix<const double> padded, Out out) const {
         loop(code(), padded, layout.coordinates.view(), {sorted.data(), {components, centres()}}, 1.0 / radius,
@@ -112,11 +112,11 @@ struct mesh_motion_interpolant {
                     out(i, c, m) += polynomial->coefficients[(m + 1) * components + c] / polynomial->scale;
     }
 
-    /// Whether it can be a compact level of an interpolation in two scales.
+    /// Whether the interpolant can be a compact level of an interpolation in two scales.
     bool is_level() const { return basis->compact && !polynomial; }
 
-    /// f(rows, matrix) for parts of the rows of points that are within reach: the functions there, as NearOperator has
-    /// them.
+    /// Calls f(rows, matrix) for parts of the rows of points within reach; the matrix has the basis functions there, as
+    /// in NearOperator.
     template <class F>
     void for_near(Matrix<const double> points, const std::vector<Index>& rows, F&& f) const {
         const Padded padded(points, view_of(rows));
@@ -139,7 +139,7 @@ struct mesh_motion_interpolant {
         }
     }
 
-    /// out += values, as NearOperator adds a level.
+    /// out += values, in the way in which NearOperator adds a level.
     void add_values(Matrix<const double> points, Matrix<double> out) const {
         for_near(points, within_reach(points), [&](Vector<const Index> rows, const SparseMatrix& matrix) {
             const auto& [pointers, columns, entries] = matrix;
@@ -159,7 +159,7 @@ struct mesh_motion_interpolant {
             for (Index e = 0; e < components * dimension; ++e) out[rows[i]].data()[e] += near[i].data()[e];
     }
 
-    /// As CentreLayout.within_reach.
+    /// The same as CentreLayout.within_reach.
     std::vector<Index> within_reach(Matrix<const double> points) const {
         std::call_once(reach_asked, [this] { find_reach(); });
         const Index n = points.shape(0);
@@ -197,7 +197,8 @@ struct mesh_motion_spline {
     std::vector<double> origin, inverse, coefficients;
     std::vector<Index> cells, start;
 
-    /// loop(points, boxes, given, out): spline_values or spline_gradients of coefficients, or the transpose of weights.
+    /// Calls loop(points, boxes, given, out): spline_values or spline_gradients of coefficients, or the transpose of
+    /// weights.
     template <class Loop, class Out>
     void use(Loop&& loop, Matrix<const double> points, Matrix<const double> given, Out out) const {
         loop(points, {origin.data(), {boxes, 3}}, view_of(inverse), {cells.data(), {boxes, 3}}, view_of(start), given, out);
@@ -211,7 +212,7 @@ struct mesh_motion_spline {
 
 namespace {
 
-/// lay_out(basis, points) of padded points.
+/// The same as lay_out(basis, points), with padded points.
 template <class LayOut>
 int create(const char* basis, double support_radius, int64_t dimension, int64_t centres, const double* control_points,
            int64_t components, const double* weights, mesh_motion_interpolant** interpolant, LayOut&& lay_out) {
@@ -343,7 +344,7 @@ int mesh_motion_spline_create(int64_t dimension, int64_t boxes, const double* or
             copied(array("coefficients", coefficients, std::array{rows, components})),
             copied(array("cells", cells, std::array{boxes, Index{3}})),
             copied(array("start", start, std::array{boxes}))});
-        // the loops refuse what does not fit together: asked at no points before anybody has some
+        // evaluate at no points: the loops then refuse arrays that do not fit together, before users evaluate at points
         made->evaluate(spline_gradients, {nullptr, {0, dimension}}, Cube<double>(nullptr, {0, components, dimension}));
         *spline = made.release();
     });

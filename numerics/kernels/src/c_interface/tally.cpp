@@ -1,4 +1,4 @@
-// The cells of an MPI rank, as distributed/counted_cells.py judges them.
+// The cells of an MPI rank, judged in the same way as in distributed/counted_cells.py.
 #include <algorithm>
 #include <memory>
 #include <numeric>
@@ -13,9 +13,9 @@ using namespace mesh_motion;
 namespace {
 
 constexpr Index bins = MESH_MOTION_BINS, few = 512, deepest = 6;
-constexpr double flat = 1e-10;  // as mesh_check.py
+constexpr double flat = 1e-10;  // the same as in mesh_check.py
 
-/// One division of a way: from `low` on, `scale` bins in a unit.
+/// One division of a way to a bin: from `low` on, with `scale` bins per unit.
 struct Division {
     double low, scale;
     Index wanted;
@@ -28,9 +28,9 @@ struct Division {
 struct mesh_motion_tally {
     const mesh_motion_cells* cells;
     Index metric, kinds;
-    std::vector<double> sizes, skews, points_at_rest;  // the last two where the metric is the relative one
+    std::vector<double> sizes, skews, points_at_rest;  // the last two only for the relative metric
     std::vector<std::uint32_t> places;
-    // of the cells as they were judged last
+    // of the cells when they were judged last
     Matrix<const double> points;
     Owned<double, 2> extents;
     Owned<Index, 2> counts;
@@ -49,7 +49,7 @@ struct mesh_motion_tally {
             .values;
     }
 
-    /// Places in a bin of the first division where some values are.
+    /// The places, in a bin of the first division, that have values.
     std::vector<std::uint32_t> places_in(Index bin, Vector<const Index> parts) const {
         std::vector<std::uint32_t> found;
         for (Index part = 0; part < bins; ++part)
@@ -57,7 +57,7 @@ struct mesh_motion_tally {
         return found;
     }
 
-    /// Counts what is in the bin at the end of a way; returns its values if the server needs them.
+    /// Counts the values in the bin at the end of a way; returns the values if the server needs them.
     std::optional<std::vector<double>> content(Index kind, const std::vector<Division>& way,
                                                Vector<Index> found) const {
         if (way.empty()) {
@@ -202,7 +202,7 @@ int mesh_motion_tally_bin(const mesh_motion_tally* tally, const char* metric, in
     });
 }
 
-// The bad cells and their neighbours, as distributed/region.py chooses them.
+// The bad cells and their neighbours, chosen in the same way as in distributed/region.py.
 
 namespace {
 
@@ -225,7 +225,7 @@ struct Qualities {
         });
     }
 
-    /// Of the metric with this name.
+    /// The values of the metric with this name.
     std::vector<double> values(const mesh_motion_tally& tally, Matrix<const double> points, std::string_view metric) const {
         std::vector<double> found(size.size());
         if (metric == "corner-shape-size") {
@@ -244,7 +244,7 @@ struct Qualities {
     }
 };
 
-/// f(cell, nodes, number of nodes) for all cells.
+/// Calls f(cell, nodes, number of nodes) for all cells.
 template <class F>
 void by_cell(const mesh_motion_cells& cells, F&& f) {
     Index cell = 0;
@@ -252,7 +252,7 @@ void by_cell(const mesh_motion_cells& cells, F&& f) {
         for (std::size_t at = 0; at < rows.size(); at += type->nodes) f(cell++, rows.data() + at, type->nodes);
 }
 
-/// Marks the nodes of the cells that `wanted` says.
+/// Marks the nodes of the cells for which `wanted` returns true.
 template <class F>
 void mark_nodes(const mesh_motion_cells& cells, std::vector<char>& marks, F&& wanted) {
     by_cell(cells, [&](Index cell, const Node* nodes, Index count) {
@@ -261,14 +261,15 @@ void mark_nodes(const mesh_motion_cells& cells, std::vector<char>& marks, F&& wa
     });
 }
 
-/// Whether a cell has a node that is marked.
+/// Whether a cell has a marked node.
 auto touches(const std::vector<char>& marked) {
     return [&marked](Index, const Node* nodes, Index count) {
         return std::any_of(nodes, nodes + count, [&](Index node) { return marked[node]; });
     };
 }
 
-/// The chosen cells, without any others to compare with; of the n nodes those are marked whose cells are all chosen.
+/// Returns the chosen cells, without values of the other cells. Of the n nodes those are marked whose cells are all
+/// chosen.
 std::unique_ptr<HeldRegion> held_region(const mesh_motion_cells& cells, Index n, const std::vector<char>& chosen,
                                         const std::vector<char>& marks) {
     auto made = std::make_unique<HeldRegion>();

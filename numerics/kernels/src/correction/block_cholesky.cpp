@@ -9,15 +9,15 @@
 namespace mesh_motion {
 namespace {
 
-constexpr Index smallest_part = 8;  // nodes: fewer are not cut further
+constexpr Index smallest_part = 8;  // smaller parts, in nodes, are not cut further
 
-/// Nested dissection: both halves of a box come first, then the nodes between them, which are few.
+/// Nested dissection: first both halves of a box, then the few nodes between them.
 struct Dissection {
     Vector<const Index> row_starts;
     Vector<const std::int32_t> columns;
     Matrix<const double> places;
     std::vector<std::int32_t> order;
-    std::vector<char> upper;  // half of the box that is cut
+    std::vector<char> upper;  // the half of the box that is cut next
 
     void cut(std::int32_t* first, std::int32_t* last) {
         if (last - first <= smallest_part) {
@@ -43,7 +43,7 @@ struct Dissection {
         order.insert(order.end(), between, middle);
     }
 
-    /// The upper half along an axis comes to middle … last − 1, and is marked.
+    /// Moves the upper half along an axis to middle … last − 1, and marks it.
     void halve(std::int32_t* first, std::int32_t* middle, std::int32_t* last, Index axis) {
         std::nth_element(first, middle, last, [&](std::int32_t a, std::int32_t b) {
             return std::pair{places(a, axis), a} < std::pair{places(b, axis), b};
@@ -79,7 +79,7 @@ void subtract_product(double* a, const double* b, const double* c) {
         }
 }
 
-/// The lower triangular factor of a symmetric block in its place; false unless it is positive definite.
+/// Replaces a symmetric block by its lower triangular factor; false if the block is not positive definite.
 template <int d>
 bool factorize(double* a) {
     for (int j = 0; j < d; ++j) {
@@ -97,7 +97,7 @@ bool factorize(double* a) {
     return true;
 }
 
-/// a L⁻ᵀ in the place of a.
+/// Replaces a by a L⁻ᵀ.
 template <int d>
 void divide(double* a, const double* factor) {
     for (int i = 0; i < d; ++i)
@@ -108,7 +108,7 @@ void divide(double* a, const double* factor) {
         }
 }
 
-/// L of H = L Lᵀ by columns, each from the columns before it (left-looking).
+/// Computes L of H = L Lᵀ column by column, each from the columns before it (left-looking).
 template <int d>
 struct Factor {
     static constexpr Index size = d * d;
@@ -121,8 +121,8 @@ struct Factor {
         const Index n = order.size();
         std::fill_n(diagonal, n * size, 0.0);
         std::vector<double> column(n * size);
-        std::vector<Index> at(n);                        // of each column, the entry in the row that comes next
-        std::vector<std::int32_t> first(n, -1), next(n);  // lists of the columns whose next row this is
+        std::vector<Index> at(n);                        // of each column, the next entry to use
+        std::vector<std::int32_t> first(n, -1), next(n);  // for each row, the columns whose next entry is in it
         const auto enter = [&](Index k) {
             if (at[k] == starts[k + 1]) return;
             next[k] = first[rows[at[k]]];
@@ -161,7 +161,8 @@ struct Factor {
         return true;
     }
 
-    /// y becomes x of L Lᵀ x = y, both (f, d) in the order of elimination; of numbers or of Quads, one system a lane.
+    /// Solves L Lᵀ x = y: y becomes x, both (f, d) in the order of elimination; with numbers, or with Quads of one
+    /// system in each lane.
     template <class T>
     void solve(std::vector<T>& y) const {
         const Index n = starts.size() - 1;
@@ -196,7 +197,7 @@ std::vector<std::int32_t> places_in(Vector<const std::int32_t> order) {
     return place;
 }
 
-/// The places in the order of elimination, where the factor's arrays fit each other.
+/// The place of each node in the order of elimination; checks that the factor's arrays fit each other.
 std::vector<std::int32_t> require_factor(Vector<const std::int32_t> order, Vector<const Index> starts,
                                          Vector<const std::int32_t> rows, Cube<const double> diagonal,
                                          Cube<const double> below, Index d) {
@@ -227,7 +228,7 @@ std::tuple<Owned<std::int32_t, 1>, Owned<Index, 1>, Owned<std::int32_t, 1>> elim
     const std::vector<std::int32_t>& order = dissection.order;
     const std::vector<std::int32_t> place = places_in({order.data(), {n}});
 
-    // A column's rows are those of H and of the columns whose first row it is.
+    // The rows of a column are those of H, and those of the columns whose first row is this column.
     std::vector<Index> starts(1, 0);
     std::vector<std::int32_t> rows, first(n, -1), next(n, -1), seen(n, -1);
     for (Index j = 0; j < n; ++j) {

@@ -1,6 +1,6 @@
-// A sparse Cholesky factorization of symmetric d × d blocks, for the Newton systems that are small enough for it.
+// A sparse Cholesky factorization of symmetric d × d blocks, for Newton systems that are small enough.
 //
-// The general factorizations within reach (SuperLU, QDLDL) treat each number by itself and take 7 to 20 times as long.
+// The available general factorizations (SuperLU, QDLDL) treat each number by itself and take 7 to 20 times as long.
 #pragma once
 
 #include <tuple>
@@ -9,9 +9,9 @@
 
 namespace mesh_motion {
 
-/// (order (f), starts (f + 1), rows): in which order nodes at places (f, d) are eliminated, by nested dissection, and the
-/// pattern of the factor below its diagonal, by columns, in numbers of that order. The pattern (row_starts, columns) is
-/// symmetric.
+/// (order (f), starts (f + 1), rows): the order in which nodes at places (f, d) are eliminated, from nested dissection;
+/// and the pattern of the factor below its diagonal, column by column, numbered in that order. The pattern (row_starts,
+/// columns) is symmetric.
 std::tuple<Owned<std::int32_t, 1>, Owned<Index, 1>, Owned<std::int32_t, 1>> elimination(
     Vector<const Index> row_starts, Vector<const std::int32_t> columns, Matrix<const double> places);
 
@@ -21,7 +21,7 @@ bool block_cholesky(Vector<const Index> row_starts, Vector<const std::int32_t> c
                     Vector<const std::int32_t> order, Vector<const Index> starts, Vector<const std::int32_t> rows,
                     Cube<double> diagonal, Cube<double> below);
 
-/// x (f, d) of H x = right (f, d) with H's factor; of numbers, d = 1, as many columns of both as there are.
+/// Solves H x = right with H's factor, both (f, d). With d = 1 and scalar blocks, for as many columns as both have.
 void block_cholesky_solve(Vector<const std::int32_t> order, Vector<const Index> starts, Vector<const std::int32_t> rows,
                           Cube<double> diagonal, Cube<double> below, Matrix<const double> right, Matrix<double> x);
 

@@ -12,20 +12,20 @@ namespace {
 constexpr Index cells_of_task = 1 << 10, blocks_of_task = 1 << 6;
 constexpr int most = 8;  // nodes and corners of a cell
 
-/// A corner of eight cells.
+/// One corner in each of eight cells.
 template <int d>
 struct Corner {
     Small<d> j, p;
     Pack alpha, det;
 };
 
-/// What all corners of eight cells say: f and α of each, their mean and τ; τ = 0 outside the barrier.
+/// Sums over all corners of eight cells: f and α of each corner, their mean and τ; τ = 0 outside the barrier.
 struct Sums {
     std::array<Pack, most> f, alpha;
     Pack mean, tau;
 };
 
-/// What is counted of a shape, and the derivative of that.
+/// The term of a shape in L, and its derivative.
 struct Shape {
     Pack value, slope;
 };
@@ -56,12 +56,12 @@ struct Cells {
         require(offset.size() == 0 || offset.size() == size(), "offset: expected none, or one a cell");
     }
 
-    /// Of a task's cells, while they are near.
+    /// Checks the cells of a task while they are in the cache.
     void check(Index first, Index last) const {
         require_below(nodes.rows(first, last), points.shape(0), "nodes: expected numbers of points");
     }
 
-    /// f(dimension) with the dimension as a constant.
+    /// Calls f(dimension) with the dimension as a constant.
     template <class F>
     void with_type(F&& f) const {
         points.shape(1) == 3 ? f(std::integral_constant<int, 3>{}) : f(std::integral_constant<int, 2>{});
@@ -113,7 +113,7 @@ struct Cells {
         return found;
     }
 
-    /// What L has for the shape, and its derivative with respect to log mean f.
+    /// The term of the shape in L, and its derivative with respect to log mean f.
     Shape shape(const std::array<Index, lanes>& at, const Sums& sums) const {
         const Pack log_f = each(logarithm, sums.mean);
         if (offset.size() == 0) return {log_f, all(1.0)};
@@ -125,14 +125,14 @@ struct Cells {
     }
 };
 
-/// The lanes for the cells c … last − 1; the last cell again where there are fewer than lanes.
+/// The cells c … last − 1 for the lanes; surplus lanes repeat the last cell.
 std::array<Index, lanes> from(Index c, Index last) {
     std::array<Index, lanes> at;
     for (Index l = 0; l < lanes; ++l) at[l] = std::min(c + l, last - 1);
     return at;
 }
 
-/// shares (k, d) += pull Pᵀ at the ends of the edges, minus their sum at the corner.
+/// Adds pull Pᵀ to shares (k, d) at the ends of the edges, and subtracts the sum at the corner.
 template <int d>
 void add_edges(const Small<d>& pull, const Small<d>& p, Vector<const Index> corner,
                std::array<std::array<Pack, d>, most>& shares) {
@@ -144,11 +144,11 @@ void add_edges(const Small<d>& pull, const Small<d>& p, Vector<const Index> corn
         }
 }
 
-/// The lower half, by nodes, of the symmetric (k d, k d) block of eight cells.
+/// The lower half, by nodes, of the symmetric (k d, k d) block of each of eight cells.
 template <int d>
 using Whole = std::array<std::array<Pack, most * d>, most * d>;
 
-/// whole += a corner's curvature taken to the nodes: those of node 0 are minus the sums.
+/// Adds a corner's curvature to the block `whole` of the nodes; the part of node 0 is minus the sum of the others.
 template <int d>
 void add_corner(const Curvature<d>& total, Vector<const Index> corner, Whole<d>& whole) {
     const auto entry = [&](int r, int s) { return r >= s ? total[r][s] : total[s][r]; };

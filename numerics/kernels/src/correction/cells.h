@@ -9,8 +9,9 @@
 //   sine = w   angles, f = (w Π |A_i| / det A)^(2/d), the smallest mean ratio over all diagonal P, which
 //              P = diag(1/|A_i|) has
 //
-// In the second case P is held while f is differentiated: value and gradient are exact, the curvature is a majorant's.
-// With ω_k = f_k / Σ f, β_k = α_k / Σ α, z = (a/m) log cosh(m log τ) and derivatives of z with respect to log τ
+// In the second case P is constant while f is differentiated: value and gradient are exact, the curvature is a
+// majorant's. With ω_k = f_k / Σ f, β_k = α_k / Σ α, z = (a/m) log cosh(m log τ) and derivatives of z with respect to
+// log τ
 //
 //   ∇L = Σ_k [ω_k 2 J/q + h1_k cof J] Pᵀ,     h1_k = (z' β_k − (2/d) ω_k) / det J
 //   H  = w { Σ_k [corner k]₊ + [(p − 1) g gᵀ + p z' (g nᵀ + n gᵀ) + (p z'² + z″ − z') n nᵀ]₊ }
@@ -37,8 +38,8 @@ void cell_gradients(Matrix<const double> points, Matrix<const std::int32_t> node
                     Cube<const double> ideals, double sine, Vector<const double> references, double m, double a,
                     Vector<const double> offset, double p, Vector<const double> weights, Cube<double> shares);
 
-/// blocks (m, k², d²) = H with the weights w + floor, of the cells that weigh at least least_weight: [a k + b] couples
-/// the nodes a and b.
+/// blocks (m, k², d²) = H with the weights w + floor, of the cells whose weight is at least least_weight: [a k + b]
+/// couples the nodes a and b.
 void cell_blocks(Matrix<const double> points, Matrix<const std::int32_t> nodes, Matrix<const Index> corners,
                  Cube<const double> ideals, double sine, Vector<const double> references, double m, double a,
                  Vector<const double> offset, double p, Vector<const double> weights, double floor,

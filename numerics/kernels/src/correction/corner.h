@@ -1,5 +1,5 @@
-// The distortion of a corner simplex and its curvature, eight corners side by side: what distortion.cpp and cells.cpp
-// share.
+// The distortion of a corner simplex and its curvature, for eight corners side by side; shared by distortion.cpp and
+// cells.cpp.
 //
 // A corner with the edges A (columns) has the Jacobian J = A P from its ideal, τ = det J and q = |J|²_F.
 #pragma once
@@ -27,7 +27,7 @@ inline std::pair<Pack, Pack> log_cosh_slopes(Pack log_tau, const SizeLaw& law) {
     return {law.a * (y < 0.0 ? -tanh : tanh), 4.0 * law.a * law.m * e / (sum * sum)};
 }
 
-/// Edges from node 0 of a simplex (columns); node(lane, place) is a row of points.
+/// Edges from node 0 of a simplex, as columns; node(lane, place) is the row number of a point.
 template <int d, class Node>
 inline Small<d> edges(Matrix<const double> points, Node&& node) {
     Small<d> a;
@@ -39,7 +39,7 @@ inline Small<d> edges(Matrix<const double> points, Node&& node) {
     return a;
 }
 
-/// The maps P of the corners of each lane.
+/// The maps P of the corners, one in each lane.
 template <int d, class Corner>
 inline Small<d> ideals_of(Cube<const double> ideals, Corner&& corner) {
     Small<d> p;
@@ -49,7 +49,7 @@ inline Small<d> ideals_of(Cube<const double> ideals, Corner&& corner) {
     return p;
 }
 
-/// In one dimension there is no shape, and what stands for 1/q is 0.
+/// In one dimension there is no shape; the number in place of 1/q is 0.
 template <int d>
 inline Pack inverse_square(const Small<d>& j) {
     return d == 1 ? Pack{} : 1.0 / square<d>(j);
@@ -83,7 +83,7 @@ inline void curvature(const Small<d>& jacobian, Pack per_q, const Small<d>& idea
             if (k != i) t[i] *= s[k];
         l[i] = 2.0 * per_q * s[i] + law.slope * t[i];
     }
-    Small<d> stretch, alike, crossed;  // both modes of the pairs, back in the basis u_i v_jᵀ, u_j v_iᵀ
+    Small<d> stretch, alike, crossed;  // both modes of each pair, transformed back to the basis u_i v_jᵀ, u_j v_iᵀ
     const Pack half = law.shape * per_q;
     for (int i = 0; i < d; ++i)
         for (int j = 0; j < d; ++j) {
@@ -99,7 +99,7 @@ inline void curvature(const Small<d>& jacobian, Pack per_q, const Small<d>& idea
     const Small<d> z = product<d>(ideal, v);  // the right singular vectors at the edges
     for (int j = 0; j < d; ++j)
         for (int c = 0; c <= j; ++c) {
-            Small<d> part{};  // between the edges j and c, in the basis of the left singular vectors
+            Small<d> part{};  // coupling between the edges j and c, in the basis of the left singular vectors
             for (int i = 0; i < d; ++i)
                 for (int k = 0; k < d; ++k) {
                     part[i][k] += z[j][i] * z[c][k] * stretch[i][k];

@@ -12,10 +12,10 @@ namespace mesh_motion {
 namespace {
 
 constexpr Index values_of_task = 1 << 14, corners_of_task = 1 << 12, blocks_of_task = 1 << 9;
-constexpr double no_weight = 1e-12;  // of the mean weight: less has no gradient
+constexpr double no_weight = 1e-12;  // of the mean weight: corners of smaller weight get no gradient
 constexpr double infinity = std::numeric_limits<double>::infinity();
 
-/// The corners of a mesh, and f(dimension).
+/// The corners of a mesh; by_dimension calls f(dimension).
 struct Corners {
     Matrix<const double> points;
     Matrix<const std::int32_t> nodes;
@@ -31,12 +31,12 @@ struct Corners {
     }
     Index size() const { return nodes.shape(0); }
 
-    /// Of a task's corners, while they are near.
+    /// Checks the corners of a task while they are in the cache.
     void check(Index first, Index last) const {
         require_below(nodes.rows(first, last), points.shape(0), "corners: expected numbers of points");
     }
 
-    /// J, P and A of the corners that `at` has for the lanes.
+    /// J, P and A of the corners `at`, one in each lane.
     template <int d>
     std::tuple<Small<d>, Small<d>, Small<d>> jacobians(const std::array<Index, lanes>& at) const {
         const Small<d> p = ideals_of<d>(ideals, [&](int l) { return at[l]; });
@@ -45,13 +45,13 @@ struct Corners {
         return {product<d>(a, p), p, a};
     }
 
-    /// The obliqueness at rest of those corners; negative: their angles do not count.
+    /// The obliqueness at rest of those corners; negative if their angles do not count.
     Pack rest_angle(const std::array<Index, lanes>& at) const {
         return angles.size() ? gathered([&](int l) { return angles[at[l]]; }) : all(-1.0);
     }
 };
 
-/// The lanes for the corners c … last − 1; the last corner again where there are fewer than lanes.
+/// The corners c … last − 1 for the lanes; surplus lanes repeat the last corner.
 std::array<Index, lanes> from(Index c, Index last) {
     std::array<Index, lanes> at;
     for (Index l = 0; l < lanes; ++l) at[l] = std::min(c + l, last - 1);
@@ -75,7 +75,7 @@ Pack distortion(Pack tau, Pack q, const SizeLaw& law) {
     return number ? value : all(infinity);
 }
 
-/// First and second derivative of the part of ℓ that depends on τ alone.
+/// First and second derivative of the part of ℓ that depends only on τ.
 template <int d>
 std::pair<Pack, Pack> slopes(Pack tau, const SizeLaw& law) {
     constexpr double b = d > 1 ? 2.0 / d : 0.0;
@@ -88,7 +88,7 @@ std::pair<Pack, Pack> slopes(Pack tau, const SizeLaw& law) {
             (b + law.a) * tau / (s * s * s) + 2.0 * law.a * (1.0 - tau * tau) / (square * square)};
 }
 
-/// |a_k|² of the columns.
+/// |a_k|² of the columns a_k.
 template <int d>
 std::array<Pack, d> squares(const Small<d>& a) {
     std::array<Pack, d> q{};
@@ -97,7 +97,7 @@ std::array<Pack, d> squares(const Small<d>& a) {
     return q;
 }
 
-/// What a corner's angles add to its distortion (quality/angle_law.h), and the first two derivatives with respect to o.
+/// The term of a corner's angles in its distortion (quality/angle_law.h), and its first two derivatives by o.
 struct Turned {
     Pack value, first, second;
 };
@@ -112,7 +112,7 @@ Turned turned(const Small<d>& a, Pack rest) {
     return {law.value(), law.first(), law.second()};
 }
 
-/// The gradient of the obliqueness at the edges (columns of A); 0 where no lane's angles, by φ's derivative, count.
+/// The gradient of the obliqueness at the edges (columns of A); 0 if φ' is 0 in all lanes, so that no angles count.
 template <int d>
 Small<d> obliqueness_slope(const Small<d>& j, const Small<d>& p, const Small<d>& a, Pack tau, Pack angle) {
     if (!any(angle > 0.0)) return {};
@@ -126,7 +126,7 @@ Small<d> obliqueness_slope(const Small<d>& j, const Small<d>& p, const Small<d>&
     return pull;
 }
 
-/// The gradient of ℓ there, from its derivative h1 with respect to τ, that of φ with respect to o, and the gradient of o.
+/// The gradient of ℓ at the edges, from its derivative h1 by τ, the derivative of φ by o, and the gradient of o.
 template <int d>
 Small<d> slope(const Small<d>& j, const Small<d>& p, Pack h1, Pack angle, const Small<d>& tilt) {
     const Small<d> cof = cofactor<d>(j);
@@ -304,7 +304,7 @@ void corner_blocks(Matrix<const double> points, Matrix<const std::int32_t> corne
             mesh.check(first, last);
             std::array<Index, lanes> at{};
             Index count = 0;
-            const auto update = [&] {  // the corners of at, the last of them again in lanes that are left
+            const auto update = [&] {  // the corners `at`; surplus lanes repeat the last one
                 for (Index l = count; l < lanes; ++l) at[l] = at[count - 1];
                 const auto [j, ideal, edges] = mesh.jacobians<d>(at);
                 const Pack tau = determinant<d>(j);

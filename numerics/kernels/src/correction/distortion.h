@@ -5,7 +5,7 @@
 //   ℓ   = log q − log d − (2/d) log τ + (a/m) log cosh(m log τ)               ε = 0, τ > 0
 //   ℓ_ε = log q − log d − (2/d + a) log χ + a log((1 + τ²)/2)                 untangling, χ = (τ + √(τ² + ε²))/2
 //
-// and, of a corner whose angles count, φ of quality/angle_law.h on top. In 1D the first three terms cancel.
+// and, for a corner whose angles count, plus φ of quality/angle_law.h. In 1D the first three terms cancel.
 // points (n, d), corners (c, d + 1): the nodes of each corner, ideals (c, d, d): P, angles (c, or 0 where none counts):
 // the obliqueness Σ log |a_k| − log |det A| at rest, negative where the angles do not count.
 #pragma once
@@ -14,16 +14,16 @@
 
 namespace mesh_motion {
 
-/// values (c) = ℓ, and offset (c, or 0 where there is none) added to it; inf where it is no number or τ violates ε = 0.
+/// values (c) = ℓ, plus offset (c; or 0 entries for none); inf where ℓ is not a number or τ violates ε = 0.
 void distortions(Matrix<const double> points, Matrix<const std::int32_t> corners, Cube<const double> ideals,
                  Vector<const double> angles, Vector<const double> offset, double m, double epsilon, double a,
                  Vector<double> values);
 
-/// E = max ℓ + (1/p) log mean exp(p (ℓ − max ℓ)) of values ℓ, which become the weights softmax(p ℓ). inf, and the
-/// values as they are, where one is not finite.
+/// Returns E = max ℓ + (1/p) log mean exp(p (ℓ − max ℓ)) of values ℓ, and replaces them by the weights softmax(p ℓ). If
+/// a value is not finite, returns inf and leaves the values unchanged.
 double p_mean(Vector<double> values, double p);
 
-/// shares (c, d + 1, d) = w dℓ/dx of the nodes of each corner; 0 where w is next to nothing.
+/// shares (c, d + 1, d) = w dℓ/dx of the nodes of each corner; 0 where w is negligible.
 void distortion_gradients(Matrix<const double> points, Matrix<const std::int32_t> corners, Cube<const double> ideals,
                           Vector<const double> angles, Vector<const double> weights, double m, double epsilon,
                           double a, Cube<double> shares);
@@ -39,8 +39,8 @@ void corner_hessians(Matrix<const double> points, Matrix<const std::int32_t> cor
                      double a, bool exact, Cube<double> blocks);
 
 /// blocks (c, d², d²) = (w + floor) times the positive part of the Hessian of ℓ and of the p-mean's rank-one term, of
-/// the corners that weigh at least least_weight: [j d + k, a d + b] couples the coordinate a of edge j with b of edge
-/// k.
+/// the corners whose weight is at least least_weight: [j d + k, a d + b] couples the coordinate a of edge j with b of
+/// edge k.
 void corner_blocks(Matrix<const double> points, Matrix<const std::int32_t> corners, Cube<const double> ideals,
                    Vector<const double> weights, double floor, double least_weight, double p, double m, double epsilon,
                    double a, Cube<float> blocks);

@@ -14,7 +14,7 @@ namespace {
 
 constexpr Index rows_of_task = 1 << 10;
 
-/// Sum over blocks of rows, in order, of f(first, last).
+/// Sum of f(first, last) over blocks of rows, in order.
 template <class F>
 double sum_of_blocks(Index n, F&& f) {
     std::vector<double> parts((n + rows_of_task - 1) / rows_of_task);
@@ -47,14 +47,14 @@ struct System {
         });
     }
 
-    /// Row i times x.
+    /// The product of row i and x.
     std::array<double, d> row(Index i, const double* x) const {
         std::array<double, d> sum{};
         using Two [[gnu::vector_size(2 * sizeof(double))]] = double;
         [[maybe_unused]] Two both{};
         for (Index e = row_starts[i]; e < row_starts[i + 1]; ++e) {
             const double *block = blocks.data() + e * d * d, *from = x + Index{columns[e]} * d;
-            if constexpr (d == 2) {  // a block is a register, its columns added one by one; nine numbers are faster alone
+            if constexpr (d == 2) {  // a block fits a register; for nine numbers scalar code is faster
                 Quad whole;
                 std::memcpy(&whole, block, sizeof whole);
                 const Quad products = whole * Quad{from[0], from[1], from[0], from[1]};
@@ -69,7 +69,7 @@ struct System {
         return sum;
     }
 
-    /// Inverse of the diagonal's block of row i.
+    /// Inverse of the diagonal block of row i.
     Block<d> inverse(Index i) const {
         const double* a = blocks.data() + row_starts[i] * d * d;
         if constexpr (d == 1) {
@@ -95,8 +95,8 @@ struct System {
     }
 };
 
-/// The Hessian of aggregates that move as one, Pᵀ H P = L Lᵀ: it couples distant nodes in one step of the conjugate
-/// gradients. Rows of L begin with their first entry.
+/// The Hessian of aggregates that move as rigid units, Pᵀ H P = L Lᵀ: it couples distant nodes in one step of the
+/// conjugate gradients. Rows of L begin with their first entry.
 template <int d>
 class Coarse {
 public:
@@ -144,7 +144,7 @@ public:
         factorize();
     }
 
-    /// The aggregates' steps of the residual, L Lᵀ c = Pᵀ residual; returns cᵀ Pᵀ residual.
+    /// Solves L Lᵀ c = Pᵀ residual for the steps c of the aggregates; returns cᵀ Pᵀ residual.
     double solve(const double* residual) {
         for_ranges(starts_.size() - 1, aggregates_of_task, [&](Index first, Index last) {
             for (Index k = first; k < last; ++k) {
@@ -170,12 +170,12 @@ public:
         return energy;
     }
 
-    /// The step of node i's aggregate.
+    /// The step of the aggregate of node i.
     const double* step(Index i) const { return sums_.data() + Index{aggregates_[i]} * d; }
 
 private:
     static constexpr Index aggregates_of_task = 16;
-    static constexpr double nothing = 1e-12;  // of the diagonal: a pivot that is rounding only
+    static constexpr double nothing = 1e-12;  // of the diagonal: smaller pivots are only rounding
 
     template <class F>
     void of_blocks(const System<d>& system, Index k, F&& f) const {
@@ -213,7 +213,7 @@ int conjugate_gradients(const System<d>& system, Coarse<d> coarse, Vector<const 
     for_ranges(n, rows_of_task, [&](Index first, Index last) {
         for (Index i = first; i < last; ++i) inverses[i] = system.inverse(i);
     });
-    /// x += α p, residual −= α H p, z and the coarse steps: the preconditioned residual; returns residual · that.
+    /// x += α p, residual −= α H p; z and the coarse steps become its preconditioned form; returns their product.
     const auto advance = [&](double alpha) {
         const double fine = sum_of_blocks(n, [&](Index first, Index last) {
             double sum = 0.0;
@@ -248,7 +248,7 @@ int conjugate_gradients(const System<d>& system, Coarse<d> coarse, Vector<const 
     return most;
 }
 
-/// f(system) of the right dimension.
+/// Calls f(system) with a system of the right dimension.
 template <class F>
 auto with_system(Vector<const Index> row_starts, Vector<const std::int32_t> columns, Cube<const double> blocks,
                  const std::array<Index, 2>& shape, F&& f) {
@@ -296,7 +296,7 @@ Owned<std::int32_t, 1> node_aggregates(Vector<const Index> row_starts, Vector<co
                 if (found[j] >= 0 && found[j] != count) adjacent = found[j];
             });
         if (static_cast<Index>(members.size()) < size / 4 && adjacent >= 0)
-            for (Index i : members) found[i] = adjacent;  // what was left between others
+            for (Index i : members) found[i] = adjacent;  // nodes left over between other aggregates
         else
             ++count;
     };

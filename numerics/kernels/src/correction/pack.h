@@ -1,5 +1,5 @@
-// Eight corners or cells side by side: numbers that vector registers hold, whatever their width, lane by lane the same
-// bits as one by one.
+// Eight corners or cells side by side, in vector registers of any width. Each lane has the same bits as a single corner
+// or cell.
 #pragma once
 
 #include <array>
@@ -12,10 +12,10 @@
 namespace mesh_motion {
 
 using Pack = double __attribute__((vector_size(lanes * sizeof(double))));
-/// What a comparison of packs gives; as a condition of ?: it chooses by lane.
+/// The result of a comparison of packs; as the condition of ?: it selects lane by lane.
 using Mask = decltype(Pack{} < Pack{});
 
-/// A d × d matrix of each lane, rows first.
+/// A d × d matrix in each lane, row by row.
 template <int d>
 using Small = std::array<std::array<Pack, d>, d>;
 
@@ -29,7 +29,7 @@ inline Pack gathered(F&& f) {
     }(std::make_index_sequence<lanes>{});
 }
 
-/// f of each lane. The array lets the compiler make vector code of f.
+/// f of each lane. Through the array the compiler can make vector code of f.
 template <class F>
 inline Pack each(F&& f, Pack x) {
     alignas(Pack) double value[lanes];

@@ -9,13 +9,13 @@ namespace {
 
 constexpr Index rows_of_gather = 1 << 11, rows_of_assembly = 1 << 6;
 
-constexpr Index ahead = 8;  // entries: their blocks are all over memory, and fetched before they are needed
+constexpr Index ahead = 8;  // entries: their blocks are spread over memory, so they are prefetched
 
 void prefetch(Vector<const float> values) {
     for (Index k = 0; k < values.size(); k += 16) __builtin_prefetch(&values[k]);
 }
 
-/// starts and entries by counting sort.
+/// Makes starts and entries by counting sort.
 template <class Node>
 std::pair<std::vector<Index>, std::vector<std::int32_t>> places(Matrix<const Node> cells, Index n_free) {
     std::vector<Index> starts(n_free + 1);
@@ -42,14 +42,14 @@ void check_lists(Vector<const Index> starts, Vector<const std::int32_t> entries,
     require_below(entries, n, "entries: expected numbers of nodes of cells");
 }
 
-/// Where a couple's blocks are added, if anywhere.
+/// The block to which a pair's blocks are added, or null.
 double* block_of(Cube<double> hessian, std::int32_t slot) {
     require(slot < hessian.shape(0), "slots: expected numbers of blocks");
     return slot < 0 ? nullptr : &hessian(slot, 0, 0);
 }
 
-/// row (d + 1, d²): the blocks that couple a node of a corner with each of its nodes, from its edge's (d, d²) with each
-/// edge; what belongs to node 0 is minus the sum over the edges (d, d, d²).
+/// row (d + 1, d²): the blocks that couple one node of a corner with each of its nodes, from the blocks (d, d²) that
+/// couple the node's edge with each edge. The blocks of node 0 are minus the sum over the edges (d, d, d²).
 template <int d, class T>
 void couplings(Vector<const T> block, bool of_edge, double* __restrict row) {
     constexpr int size = d * d, width = size * d;
@@ -90,7 +90,7 @@ node_adjacency(Matrix<const std::int32_t> corners, Index n_free, Index n_nodes, 
     std::vector<std::int32_t> slots(entries.size() * k, -1), columns;
     std::vector<Index> row_starts(n_free + 1), where(n_nodes, -1);
     for (Index i = 0; i < n_free; ++i) {
-        const auto slot = [&](Index j) {  // of column j in row i, which gets it where it has none
+        const auto slot = [&](Index j) {  // the slot of column j in row i; added to the row if missing
             if (where[j] < row_starts[i]) {
                 where[j] = static_cast<Index>(columns.size());
                 columns.push_back(static_cast<std::int32_t>(j));
@@ -165,7 +165,7 @@ void assemble_corners(Vector<const Index> starts, Vector<const std::int32_t> ent
     require_starts(row_starts, hessian.shape(0), "row_starts: expected to ascend up to the blocks");
     with_dimension(hessian.shape(1), [&](auto dimension) {
         constexpr int d = dimension;
-        // what couplings() takes for an entry: all of a corner's block for its node 0, or the rows of an edge
+        // the argument of couplings() for an entry: the whole block of a corner for its node 0, or the rows of an edge
         const auto block = [&](Index entry) {
             const Index c = entry / (d + 1), a = entry % (d + 1), width = d * d * d;
             return Vector<const float>(&blocks(c, 0, 0) + std::max<Index>(a - 1, 0) * width, {a ? width : d * width});

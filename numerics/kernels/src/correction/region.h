@@ -1,10 +1,10 @@
-// Which corners and cells the free nodes of a region are in, the pattern of its Hessian, and sums at the nodes.
+// Corners and cells of the free nodes of a region, the pattern of its Hessian, and sums at the nodes.
 //
-// Nodes are numbered with the free ones first. Sums go over fixed lists of a node: no atomics, the same sums in the
-// same order whatever the number of threads. For free node i of f, entries[starts[i]] … entries[starts[i + 1] − 1] are
-// `cell · k + place` of the cells (or corners) that hold it, as which of their k nodes; slots (e, k) the position,
-// among the Hessian's blocks, of its coupling to each node of that cell, −1 for a held node. Rows of blocks begin at
-// row_starts (f + 1), with the diagonal's block; columns (b).
+// Nodes are numbered with the free ones first. Each node's sums go over fixed lists: no atomics, and the same sums in
+// the same order for any number of threads. For free node i of f, entries[starts[i]] … entries[starts[i + 1] − 1] are
+// `cell · k + place`: the cells (or corners) that have the node, and its place among their k nodes. slots (e, k): the
+// position, among the Hessian's blocks, of the node's coupling to each node of that cell, −1 for a held node. Rows of
+// blocks begin at row_starts (f + 1), with the diagonal's block; columns (b).
 #pragma once
 
 #include <tuple>
@@ -13,11 +13,11 @@
 
 namespace mesh_motion {
 
-/// Marks (m) of the cells (m, k) with a marked (n) node.
+/// Marks (m) the cells (m, k) that have a marked (n) node.
 Owned<std::uint8_t, 1> touched_cells(Matrix<const Node> cells, Vector<const bool> marked);
 
-/// (starts, entries, slots, row_starts, columns) of corners (c, d + 1); the free nodes of a pair of diagonals (h, 2),
-/// in one cell but in no corner together, have blocks too.
+/// (starts, entries, slots, row_starts, columns) of corners (c, d + 1). The free nodes of a pair of `diagonals` (h, 2),
+/// which share a cell but no corner, have blocks too.
 std::tuple<Owned<Index, 1>, Owned<std::int32_t, 1>, Owned<std::int32_t, 2>, Owned<Index, 1>, Owned<std::int32_t, 1>>
 node_adjacency(Matrix<const std::int32_t> corners, Index n_free, Index n_nodes, Matrix<const Index> diagonals);
 
@@ -26,17 +26,17 @@ std::tuple<Owned<Index, 1>, Owned<std::int32_t, 1>, Owned<std::int32_t, 2>> cell
     Matrix<const std::int32_t> cells, Index n_free, Index n_nodes, Vector<const Index> row_starts,
     Vector<const std::int32_t> columns);
 
-/// sums (f, d) of the shares (c, k, d) of each free node.
+/// sums (f, d) of the shares (c, k, d) at each free node.
 void gather_shares(Vector<const Index> starts, Vector<const std::int32_t> entries, Cube<const double> shares,
                    Matrix<double> sums);
 
-/// Recomputes the rows of the Hessian (b, d, d) with a corner that weighs (c) at least least_weight, from the corners'
-/// blocks (c, d², d²), see distortion.h.
+/// Recomputes those rows of the Hessian (b, d, d) that have a corner of weight (c) at least least_weight, from the
+/// corners' blocks (c, d², d²), see distortion.h.
 void assemble_corners(Vector<const Index> starts, Vector<const std::int32_t> entries, Matrix<const std::int32_t> slots,
                       Vector<const Index> row_starts, Cube<const float> blocks, Vector<const double> weights,
                       double least_weight, Cube<double> hessian);
 
-/// hessian (b, d, d) += the blocks (k, d², d²) of some corners: rows (c) has the block of each corner, or −1.
+/// hessian (b, d, d) += the blocks (k, d², d²) of some corners; rows (c) has the number of each corner's block, or −1.
 void add_corners(Vector<const Index> starts, Vector<const std::int32_t> entries, Matrix<const std::int32_t> slots,
                  Vector<const std::int32_t> rows, Cube<const double> blocks, Cube<double> hessian);
 

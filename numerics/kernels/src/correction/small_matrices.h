@@ -1,4 +1,4 @@
-// Matrices of one, two or three rows, eight side by side.
+// Matrices with one, two or three rows, eight side by side.
 #pragma once
 
 #include "correction/pack.h"
@@ -66,10 +66,10 @@ inline Pack determinant(const Small<d>& a) {
     return sum;
 }
 
-/// One Jacobi rotation of the lanes that take part: a[i][j] of the symmetric a becomes 0; v turns with it.
+/// One Jacobi rotation of the lanes that take part: a[i][j] of the symmetric a becomes 0; v is rotated too.
 template <int i, int j, int d>
 inline void rotate_lanes(Small<d>& a, Small<d>& v, Mask active) {
-    // the smaller angle with tan 2φ = 2 a_ij / (a_jj − a_ii), from the half of a right triangle
+    // the smaller angle with tan 2φ = 2 a_ij / (a_jj − a_ii), from half the angle of a right triangle
     const Pack apart = a[j][j] - a[i][i], twice = active ? 2.0 * a[i][j] : all(0.0);
     const Pack hypotenuse = root(apart * apart + twice * twice), along = size_of(apart) + hypotenuse;
     const Pack scale = along > 0.0 ? 1.0 / root(along * along + twice * twice) : all(0.0);
@@ -90,12 +90,12 @@ inline void rotate_lanes(Small<d>& a, Small<d>& v, Mask active) {
     }
 }
 
-/// Cyclic Jacobi: the symmetric a becomes diagonal, the eigenvectors are the columns of what is returned.
+/// Cyclic Jacobi: makes the symmetric a diagonal, and returns the eigenvectors as columns.
 template <int d>
 inline Small<d> symmetric_eigen(Small<d>& a) {
     Small<d> v = unit<d>();
     constexpr int sweeps = 12;
-    constexpr double small = 1e-10;  // the last sweep squares what is off the diagonal
+    constexpr double small = 1e-10;  // the last sweep squares the off-diagonal entries
     for (int sweep = 0; sweep < sweeps; ++sweep) {
         Pack off{}, size{};
         for (int i = 0; i < d; ++i) {
@@ -113,10 +113,10 @@ inline Small<d> symmetric_eigen(Small<d>& a) {
     return v;
 }
 
-/// Drops the negative part of a symmetric matrix.
+/// Removes the negative part of a symmetric matrix.
 template <int d>
 inline void project(Small<d>& a) {
-    // positive leading minors leave nothing to do
+    // positive leading minors: nothing to do
     Mask positive = a[0][0] > 0.0;
     if constexpr (d > 1) positive &= a[0][0] * a[1][1] - a[0][1] * a[0][1] > 0.0;
     if constexpr (d > 2) positive &= determinant<d>(a) > 0.0;
@@ -151,7 +151,7 @@ inline void cross(Small<d>& a) {
     }
 }
 
-/// Through the eigenvectors of aᵀa; the last columns of u and v follow from the others.
+/// Computed from the eigenvectors of aᵀa; the last columns of u and v follow from the others.
 template <int d>
 inline SignedSvd<d> signed_svd(const Small<d>& a) {
     SignedSvd<d> f{unit<d>(), unit<d>(), {}};
@@ -162,7 +162,7 @@ inline SignedSvd<d> signed_svd(const Small<d>& a) {
                 for (int r = 0; r < d; ++r) gram[i][j] += a[r][i] * a[r][j];
         f.v = symmetric_eigen<d>(gram);
         for (int i = 0; i < d - 1; ++i)
-            for (int j = i + 1; j < d; ++j) {  // largest first
+            for (int j = i + 1; j < d; ++j) {  // sort: largest first
                 const Mask swap = gram[j][j] > gram[i][i];
                 const Pack value = gram[i][i];
                 gram[i][i] = swap ? gram[j][j] : value;
@@ -178,9 +178,9 @@ inline SignedSvd<d> signed_svd(const Small<d>& a) {
             std::array<Pack, d> column{};
             for (int r = 0; r < d; ++r)
                 for (int i = 0; i < d; ++i) column[r] += a[r][i] * f.v[i][k];
-            // of no length at all: some direction, the first axis or what is farther from u_0
+            // zero length: use the first axis, or another axis farther from u_0
             const Mask along_first = k ? Mask(size_of(f.u[0][0]) > 0.8) : Mask{};
-            const auto orthogonal = [&](std::array<Pack, d>& x) {  // also where s_1 is lost in the rounding of aᵀa
+            const auto orthogonal = [&](std::array<Pack, d>& x) {  // also if s_1 is lost in the rounding of aᵀa
                 Pack along{};
                 for (int r = 0; r < d; ++r) along += f.u[r][0] * x[r];
                 for (int r = 0; r < d; ++r) x[r] -= along * f.u[r][0];

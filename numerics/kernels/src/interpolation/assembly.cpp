@@ -23,7 +23,7 @@ namespace {
 constexpr double infinity = std::numeric_limits<double>::infinity();
 constexpr Index rows_of_block = 1024, points_of_block = 1 << 12;
 
-/// Finds the runs of centres near a place, by one of two grids.
+/// Finds the runs of centres near a place, with one of two kinds of grids.
 class Search {
   public:
     Search(Matrix<const double> centres, Vector<const double> origin, double inverse_side, Vector<const Index> shape,
@@ -41,7 +41,7 @@ class Search {
     /// Cells have the numbers 0 … cells() − 1.
     Index cells() const { return all_ ? all_->cells_around() : stored_.keys.size(); }
 
-    /// The cell of a place: in the same one the same centres are near. −1 if none is.
+    /// The cell of a place; all places in one cell have the same centres near. −1 if no centre is near.
     Index cell(const Point& x) const { return all_ ? all_->number(x) : stored_.place(stored_.key_of(x[0], x[1], x[2])); }
 
     /// The cells of the points first … first + count − 1 (n, d).
@@ -55,7 +55,7 @@ class Search {
         }
     }
 
-    /// (cells()) which cells there are centres near; null: all of them.
+    /// (cells()) marks the cells that have centres near; null: all of them.
     std::unique_ptr<bool[]> reached() const {
         if (!all_) return nullptr;
         auto marks = std::make_unique<bool[]>(cells());
@@ -63,7 +63,7 @@ class Search {
         return marks;
     }
 
-    /// f(first, last) for the runs of centres near the cell of a place.
+    /// Calls f(first, last) for the runs of centres near the cell of a place.
     template <class F>
     void for_runs(const Point& x, Index cell, F&& f) const {
         if (all_) {
@@ -85,13 +85,13 @@ class Search {
     HashedCells stored_;
 };
 
-/// The centres near a cell side by side: points next to each other in memory mostly share one.
+/// The centres near a cell, side by side: points that are adjacent in memory mostly share one cell.
 class NearCell {
   public:
-    /// numbers: what the centres are called; none if that is not asked for.
+    /// numbers: the numbers by which centres are returned; empty if they are not needed.
     explicit NearCell(const Search& search, Vector<const Index> numbers = {}) : search_(search), called_(numbers) {}
 
-    /// Takes the cell of a place; how many centres are near it.
+    /// Selects the cell of a place; returns the number of centres near it.
     Index take(const Point& x) {
         const Index cell = search_.cell(x);
         if (taken_ && cell == cell_) return count_;
@@ -108,12 +108,12 @@ class NearCell {
                 if (called_.size()) numbers_[count_] = static_cast<std::int32_t>(called_[j]);
             }
         });
-        // whole registers: what fills them up is nowhere near
+        // fill whole registers with centres that are near no place
         for (Index at = count_; at % lanes; ++at) x_[at] = infinity, y_[at] = z_[at] = 0.0;
         return count_;
     }
 
-    /// How many of them are closer to a place than R.
+    /// The number of these centres closer to a place than R.
     Index closer(const Point& at, double square_radius) {
         const double *xs = x_.data(), *ys = y_.data(), *zs = z_.data();
         double* __restrict squares = squares_.data();
@@ -127,7 +127,8 @@ class NearCell {
         return count;
     }
 
-    /// Their numbers and squared distances as `closer` found them; room for a register more than there are.
+    /// The numbers and squared distances of the centres that `closer` counted; the arrays need room for one register
+    /// more.
     void list(double square_radius, std::int32_t* __restrict numbers, double* __restrict squares) const {
         Index found = 0;
 #ifdef __AVX512F__
@@ -141,7 +142,7 @@ class NearCell {
             found += std::popcount(static_cast<unsigned>(close));
         }
 #else
-        for (Index j = 0; j < count_; ++j) {  // kept, or written over by the next: no branch
+        for (Index j = 0; j < count_; ++j) {  // without a branch: each is kept, or overwritten by the next
             numbers[found] = numbers_[j];
             squares[found] = squares_[j];
             found += squares_[j] < square_radius;
@@ -189,12 +190,12 @@ std::pair<Owned<Index, 1>, Owned<double, 2>> rows_near(Matrix<const double> poin
             for (Index i = begin; i < end; ++i) {
                 const std::int32_t cell = cells[i - begin];
                 here[count] = {static_cast<std::int32_t>(i), cell};
-                count += (cell >= 0) & asked[i] & (!reached || reached[std::max(cell, 0)]);  // no branch
+                count += (cell >= 0) & asked[i] & (!reached || reached[std::max(cell, 0)]);  // without a branch
             }
             found[begin / points_of_block].assign(here.begin(), here.begin() + count);
         });
     });
-    std::vector<std::int32_t> next(search.cells() + 1);  // of each cell the place of its next row
+    std::vector<std::int32_t> next(search.cells() + 1);  // of each cell, the place of its next row
     for (const auto& here : found)
         for (const auto& [row, cell] : here) ++next[cell + 1];
     std::partial_sum(next.begin(), next.end(), next.begin());
@@ -264,13 +265,13 @@ SparseMatrix near_rows(int code, Matrix<const double> points, Matrix<const doubl
     std::vector<Index> ends(n + 1);
     with_basis(code, [&](auto basis) {
         for_ranges(n, rows_of_block, [&](Index begin, Index end) {
-            Part part;  // of this thread alone: neighbours in memory would be taken from each other with every row
+            Part part;  // local: adjacent counters would share cache lines
             NearCell cell(search, numbers);
             for (Index i = begin; i < end; ++i) {
                 const Point x = point_of(points, i);
                 const Index count = cell.take(x) ? cell.closer(x, radius * radius) : 0;
                 ends[i + 1] = count;
-                if (count == 0) continue;  // nothing near: most points of cells that only touch a centre's
+                if (count == 0) continue;  // no centre is near: most points of cells that only touch a centre's cell
                 const std::size_t at = part.entries.size();
                 part.columns.resize(at + count + lanes);
                 part.entries.resize(at + count + lanes);

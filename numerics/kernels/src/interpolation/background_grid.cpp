@@ -5,7 +5,7 @@
 namespace mesh_motion {
 namespace {
 
-constexpr Index block = 512;  // places of one task
+constexpr Index block = 512;  // number of places in one task
 
 /// Lagrange weights at t in [0, 1] between the two middle points.
 std::array<double, 4> lagrange_weights(double t, int width) {
@@ -14,7 +14,7 @@ std::array<double, 4> lagrange_weights(double t, int width) {
             -(t + 1.0) * t * (t - 2.0) / 2.0, (t + 1.0) * t * (t - 1.0) / 6.0};
 }
 
-/// The grid points around a place: the first and how many along each axis, and their weights.
+/// The grid points around a place: the first one and their number along each axis, and their weights.
 struct Stencil {
     std::array<Index, 3> first{}, count{1, 1, 1};
     std::array<std::array<double, 4>, 3> weight{{{1.0}, {1.0}, {1.0}}};
@@ -31,7 +31,7 @@ struct Stencil {
         }
     }
 
-    /// f(flat grid index, weight) of each.
+    /// Calls f(flat grid index, weight) for each point.
     template <class F>
     void for_points(Vector<const Index> shape, F&& f) const {
         for (Index x = 0; x < count[0]; ++x)

@@ -8,10 +8,11 @@
 
 namespace mesh_motion {
 
-/// Marks the grid points (flat) that interpolation at the places asks for.
+/// Marks the grid points (flat) that the interpolation at these places needs.
 void mark_stencils(Matrix<const double> places, Vector<const Index> shape, int width, Vector<bool> marked);
 
-/// out (n, k): sum of the stencil's values (g, k), at rows of the flat grid index, with the tensor product of weights.
+/// out (n, k): the sum of the stencil's values (g, k), in rows of the flat grid index, times the tensor product of
+/// weights.
 void interpolate_on_grid(Matrix<const double> places, Vector<const Index> shape, int width, Vector<const Index> rows,
                          Matrix<const double> values, Matrix<double> out);
 

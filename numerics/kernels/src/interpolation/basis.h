@@ -1,11 +1,13 @@
 // The basis functions of thesis Tables 2.1 and 2.2 as inline functions of ξ = r/R.
 //
-// Each row of the tables is a type with φ(ξ) and the *slope* φ'(ξ)/ξ, which is what a gradient needs:
+// Each row of the tables is a type with φ(ξ) and the *slope* φ'(ξ)/ξ, which a gradient needs:
 // ∇φ = slope(ξ) (x − x_j) / R². Both take ξ ≥ 0; compact ones are zero for ξ > 1. Terms with a logarithm take their
 // limit at ξ = 0: zero for φ, and for the slopes that diverge there too (they multiply the vector x − x_j = 0).
-// "(1 − ξ)" means max(0, 1 − ξ). The printed coefficient 20/3 of CTPS C1 is 80/3: only then is φ(1) = 0.
+// "(1 − ξ)" means max(0, 1 − ξ). The tables print the coefficient 20/3 of CTPS C1; the code has 80/3, because only with
+// 80/3 is φ(1) = 0.
 //
-// Nothing here branches or calls a library, so that a loop over an array becomes vector instructions of any width.
+// The code has no branches and calls no library, so that the compiler makes vector instructions of any width from a
+// loop over an array.
 #pragma once
 
 #include <algorithm>
@@ -17,15 +19,16 @@
 
 namespace mesh_motion {
 
-/// log ξ, and 0 at ξ = 0, where every term that holds it has the limit 0 or multiplies a zero vector. The series of
-/// (m − 1)/(m + 1) with the coefficients of FreeBSD's e_log.c, below 1 ulp.
+/// log ξ, and 0 at ξ = 0: there every term that contains it has the limit 0 or multiplies a zero vector. The series of
+/// (m − 1)/(m + 1) with the coefficients of FreeBSD's e_log.c; the error is below 1 ulp.
 inline double logarithm(double xi) {
-    // a power of two is taken out such that √½ ≤ m < √2: root_half has the bits of √½
+    // takes out a power of two so that √½ ≤ m < √2; root_half has the bits of √½
     constexpr std::uint64_t root_half = 0x3FE6A09E667F3BCD, mantissa = 52, bias = 1 << 11;
-    // few digits in the first part of log 2: its product with an exponent is exact
+    // the first part of log 2 has few digits: its product with an exponent is exact
     constexpr double high = 6.93147180369123816490e-01, low = 1.90821492927058770002e-10;
     const auto bits = std::bit_cast<std::uint64_t>(xi);
-    // exponent + bias ≥ 0 and small: the low bits of a double of size 2⁵² (not every vector unit converts integers)
+    // exponent + bias ≥ 0 and small: it is written to the low bits of a double of size 2⁵² (some vector units do not
+    // convert integers)
     const std::uint64_t raised = (bits - root_half + (bias << mantissa)) >> mantissa;
     const double exponent = std::bit_cast<double>(raised | std::uint64_t{0x4330000000000000}) - (0x1p52 + bias);
     const double f = std::bit_cast<double>(bits - ((raised - bias) << mantissa)) - 1.0;
@@ -41,12 +44,12 @@ inline double logarithm(double xi) {
 }
 
 /// exp x for x ≤ 0, and 0 for x ≤ −708. S. L. Moshier, "Methods and Programs for Mathematical Functions", Ellis Horwood
-/// 1989, below 3 ulp.
+/// 1989; the error is below 3 ulp.
 inline double exponential(double x) {
     constexpr double smallest = -708.0, per_log_2 = 1.4426950408889634;
     constexpr double high = 6.93145751953125e-1, low = 1.42860682030941723212e-6;
     const double near = x > smallest ? x : smallest;
-    constexpr double magic = 0x1.8p52;  // added, it rounds to an integer, which then is in the low bits
+    constexpr double magic = 0x1.8p52;  // adding this number rounds to an integer, which is then in the low bits
     const double shifted = near * per_log_2 + magic, exponent = shifted - magic;
     const double r = (near - exponent * high) - exponent * low, z = r * r;
     const double p = r * ((1.26177193074810590878e-4 * z + 3.02994407707441961300e-2) * z + 9.99999999999999999910e-1);
@@ -56,7 +59,7 @@ inline double exponential(double x) {
     return x > smallest ? power * (1.0 + 2.0 * (p / (q - p))) : 0.0;
 }
 
-/// x to a whole power, by squares.
+/// x to an integer power, by repeated squares.
 template <int N>
 constexpr double power(double x) {
     if constexpr (N == 1) {
@@ -80,7 +83,7 @@ struct WendlandC0 {
     static double slope(double x) { return x > 0.0 ? -2.0 * inside(x) / x : 0.0; }
 };
 
-/// ξ ≤ 1 in the second factors keeps 0 · ∞ away.
+/// ξ ≤ 1 in the second factors avoids 0 · ∞.
 struct WendlandC4 {
     static double phi(double xi) {
         const double x = std::min(xi, 1.0);
@@ -175,11 +178,11 @@ struct Gauss {
     static double slope(double x) { return -2.0 * exponential(-x * x); }
 };
 
-/// By their codes, which kernels.py gives to their names.
+/// The basis functions by their codes; kernels.py maps names to codes.
 using Bases = std::tuple<WendlandC2, WendlandC0, WendlandC4, WendlandC6, CtpsC0, CtpsC1, CtpsC2a, CtpsC2b, ThinPlate,
                          Multiquadric, InverseMultiquadric, Quadric, InverseQuadric, Gauss>;
 
-/// f(basis) with the type of this code: loops inside are compiled for each.
+/// Calls f(basis) with the type for this code: loops inside are compiled for each type.
 template <class F>
 void with_basis(int code, F&& f) {
     const auto try_all = [&]<std::size_t... I>(std::index_sequence<I...>) {
@@ -188,9 +191,9 @@ void with_basis(int code, F&& f) {
     require(try_all(std::make_index_sequence<std::tuple_size_v<Bases>>{}), "code: expected that of a basis function");
 }
 
-/// φ(ξ) instead of every ξ of xi, for a basis that is known when the program runs.
+/// Replaces every ξ of xi by φ(ξ), for a basis that is chosen at run time.
 void map_phi(int code, Vector<double> xi);
-/// φ'(ξ)/ξ instead of every ξ of xi.
+/// Replaces every ξ of xi by φ'(ξ)/ξ.
 void map_slope(int code, Vector<double> xi);
 
 }  // namespace mesh_motion

@@ -11,9 +11,9 @@
 namespace mesh_motion {
 namespace {
 
-constexpr Index block = 1 << 14;  // points of one task
+constexpr Index block = 1 << 14;  // number of points in one task
 
-/// How many cells a grid has with `more` of them added along each axis.
+/// Number of cells of a grid with `more` cells added along each axis.
 Index cells_of(Vector<const Index> shape, Index more = 0) {
     require(shape.size() == 3, "shape: expected three numbers of cells");
     constexpr Index most = std::numeric_limits<Index>::max() / 2;
@@ -25,7 +25,7 @@ Index cells_of(Vector<const Index> shape, Index more = 0) {
     return cells;
 }
 
-/// f(cell, x, y, z) for every cell that holds a point.
+/// Calls f(cell, x, y, z) for every cell that has a point.
 template <class F>
 void for_filled(Vector<const Index> starts, Vector<const Index> shape, F&& f) {
     require(starts.size() == cells_of(shape) + 1, "starts: expected one more than cells");
@@ -33,7 +33,7 @@ void for_filled(Vector<const Index> starts, Vector<const Index> shape, F&& f) {
     for (Index z = 0; z < shape[2]; ++z)
         for (Index y = 0; y < shape[1]; ++y) {
             const Index *const row = at, *const end = row + shape[0];
-            for (; *at < *end; ++at) {  // most cells are empty: the next one with a point is searched for
+            for (; *at < *end; ++at) {  // most cells are empty: search for the next one with a point
                 if (at[1] == at[0]) at = std::upper_bound(at + 1, end, *at) - 1;
                 f(at - starts.begin(), at - row, y, z);
             }
@@ -44,12 +44,12 @@ void for_filled(Vector<const Index> starts, Vector<const Index> shape, F&& f) {
 /// Share of the pairs that cells must save to be worth their shorter runs: visiting 0.63 of the pairs takes 0.83 of the
 /// direct sum's time, 0.3 takes 0.4, 0.03 takes 0.06 (50 000 points, 5 900 centres in 3D).
 constexpr double worthwhile_fraction = 0.8;
-/// Bounds on the grid's size: surfaces leave most cells of their box empty, and every cell takes 8 bytes.
+/// Bounds on the size of the grid: for surfaces most cells of their box are empty, and every cell takes 8 bytes.
 constexpr double cells_per_centre = 64.0, most_cells = 1 << 27;
-/// Cells are this much wider than the reach, so that rounding of a cell number cannot lose a neighbour.
+/// Cells are wider than the reach by this factor, so that the rounding of a cell number cannot lose a neighbour.
 constexpr double slack = 1.0 + 1e-6;
 
-/// Fills order (n) and starts (cells + 1) with points (n, 3) sorted by cells.
+/// Fills order (n) and starts (cells + 1) of points (n, 3) sorted by cells.
 void sort_by_cells(Matrix<const double> points, CentreLayout& layout) {
     const Vector<const double> origin = layout.origin.view();
     const Vector<const Index> shape = layout.shape.view();
@@ -70,7 +70,7 @@ void sort_by_cells(Matrix<const double> points, CentreLayout& layout) {
     layout.starts = owned(std::move(starts));
 }
 
-/// Pairs of points of which one is in the cell of the other or next to it.
+/// Number of pairs of points in the same cell or in neighbouring cells.
 Index count_neighbours(Vector<const Index> starts, Vector<const Index> shape) {
     Index pairs = 0;
     for_filled(starts, shape, [&](Index cell, Index x, Index y, Index z) {
@@ -91,7 +91,7 @@ CentreLayout single_cell(Index n, const std::array<double, 3>& low, double exten
             owned(std::vector<Index>{1, 1, 1}), owned(std::vector<Index>{0, n}), 1.0};
 }
 
-/// By cells of at least the given side; wider ones where there would be too many.
+/// Sorts by cells of at least the given side; by wider cells if there would be too many.
 CentreLayout sorted_by_cells(Matrix<const double> points, double side, const std::array<double, 3>& low,
                              const std::array<double, 3>& high, double extent) {
     const auto n = static_cast<double>(points.shape(0));
@@ -164,7 +164,7 @@ void mark_reached(Matrix<const double> points, Vector<const double> origin, doub
                 for (int axis = 3; axis-- > 0;) {
                     const double x = axis < d ? points(i, axis) : 0.0, place = (x - origin[axis]) * inverse_side + 1.0;
                     const auto cells = static_cast<double>(shape[axis] + 2);
-                    // compared before it becomes an integer: a place far away would not fit into one
+                    // compared as a double: the cell number of a distant place would not fit into an integer
                     const bool along = (0.0 <= place) & (place < cells);
                     inside &= along;
                     cell = cell * (shape[axis] + 2) + static_cast<Index>(along ? place : 0.0);

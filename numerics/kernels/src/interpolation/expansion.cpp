@@ -6,16 +6,16 @@
 namespace mesh_motion {
 namespace {
 
-/// Centres of a tile, whose derivatives (19 in three dimensions) stay in a first-level cache.
+/// Number of centres in a tile; their derivatives (19 in three dimensions) stay in the first-level cache.
 constexpr Index few = 128;
-/// Closer to a centre than this share of R all odd derivatives are zero: the functions are even.
+/// Closer to a centre than this share of R, all odd derivatives are zero, because the functions are even.
 constexpr double at_centre = 1e-9;
 
 /// Monomials of degree 1 to 3.
 template <int D>
 inline constexpr std::size_t terms = D == 1 ? 3 : D == 2 ? 9 : 19;
 
-/// The derivatives of φ for every centre of a tile, one row a monomial. N is the degree of ξ^(2k) ψ_k.
+/// The derivatives of φ for every centre of a tile, one row for each monomial. N is the degree of ξ^(2k) ψ_k.
 template <int D, int N>
 void fill_derivatives(const Point& x, Index first, Index last, Matrix<const double> centres, double inverse_radius,
                       Matrix<const double> derivatives, std::array<std::array<double, few>, terms<D>>& tile) {
@@ -65,7 +65,7 @@ void fill_derivatives(const Point& x, Index first, Index last, Matrix<const doub
             }
 }
 
-/// f(N) for the degrees of Wendland's functions.
+/// Calls f(N) for the degrees of Wendland's functions.
 template <class F>
 void with_degree(Index degree, F&& f) {
     switch (degree) {

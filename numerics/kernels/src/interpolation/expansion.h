@@ -1,4 +1,4 @@
-// An interpolant around points: derivatives up to the third, and how far a Taylor polynomial can be from it.
+// An interpolant around points: derivatives up to the third, and a bound on the distance to its Taylor polynomial.
 //
 // With y = x − x_j, ξ = |y|/R and ψ_k(ξ) = (1/ξ d/dξ)^k φ(ξ) the derivatives of a radial function are
 //     ∂_a φ   = ψ_1 y_a / R²
@@ -10,7 +10,8 @@
 
 namespace mesh_motion {
 
-/// out[g, i, c] = Σ_j weights[i, j] · derivative c of φ at a point: those along a, then ab, then abc with a ≤ b ≤ c.
+/// out[g, i, c] = Σ_j weights[i, j] · derivative c of φ at a point: first those along a, then ab, then abc with
+/// a ≤ b ≤ c.
 ///
 /// (g, 3) points, (3, nc) sorted centres, (k, nc) weights, (3, N + 1) derivatives with ψ_k = ξ^(−2k) Σ_n
 /// derivatives[k − 1, n] ξⁿ, the grid as in CentreGrid, (g, k, 3 | 9 | 19) out in one, two or three dimensions.

@@ -10,13 +10,13 @@
 namespace mesh_motion {
 namespace {
 
-constexpr Index products = 1 << 16;  // of one task, in the mean
-constexpr Index ahead = 8;          // rows fetched before they are needed
+constexpr Index products = 1 << 16;  // of one task, on average
+constexpr Index ahead = 8;          // rows that are prefetched
 constexpr Index rows_of_block = 1 << 10, rows_of_vectors = 1 << 13;
 
 using Quads = std::vector<Quad>;
 
-/// A matrix in compressed rows, times vectors whose rows are `groups` registers.
+/// A matrix in compressed rows, and its product with vectors whose rows are `groups` registers.
 class SparseRows {
   public:
     SparseRows(Vector<const std::int32_t> pointers, Vector<const std::int32_t> columns, Vector<const double> entries,
@@ -32,9 +32,9 @@ class SparseRows {
 
     bool empty(Index i) const { return pointers_[i] == pointers_[i + 1]; }
 
-    /// sum = Σ_e entries[e] vectors[columns[e]] of row i, of one group.
+    /// sum = Σ_e entries[e] vectors[columns[e]] of row i, for one group.
     void multiply(Index i, const Quad* __restrict vectors, Index groups, Quad& sum) const {
-        Quad even{}, odd{};  // apart: one sum would wait for each product
+        Quad even{}, odd{};  // separate sums: a single one would wait for each product
         const Index last = pointers_[i + 1];
         Index e = pointers_[i];
         for (; e + 1 < last; e += 2) {
@@ -45,7 +45,7 @@ class SparseRows {
         sum = even + odd;
     }
 
-    /// vectors[columns[e]] += entries[e] weight of row i, of one group.
+    /// vectors[columns[e]] += entries[e] weight of row i, for one group.
     void count(Index i, const Quad& weight, Index groups, Quad* __restrict vectors) const {
         for (Index e = pointers_[i]; e < pointers_[i + 1]; ++e) vectors[columns_[e] * groups] += entries_[e] * weight;
     }
@@ -57,7 +57,7 @@ class SparseRows {
 
 Index groups_of(Index k) { return (k + 3) / 4; }
 
-/// Rows of whole registers, filled up with zeros.
+/// Rows of whole registers, padded with zeros.
 Quads in_quads(Matrix<const double> vectors) {
     const Index n = vectors.shape(0), k = vectors.shape(1), groups = groups_of(k);
     Quads out(n * groups);
@@ -72,7 +72,7 @@ void from_quads(const Quads& vectors, Matrix<double> out) {
         for (Index c = 0; c < k; ++c) out(j, c) = vectors[j * groups + c / 4][c % 4];
 }
 
-/// a / b by columns; 0 where a column is solved.
+/// a / b column by column; 0 in a column that is solved.
 Quads ratios(const Quads& a, const Quads& b) {
     Quads out(a.size());
     for (std::size_t g = 0; g < a.size(); ++g)
@@ -80,7 +80,7 @@ Quads ratios(const Quads& a, const Quads& b) {
     return out;
 }
 
-/// f(i, g, sum) for all groups of all rows, block by block; what is added to sum, by groups.
+/// Calls f(i, g, sum) for all groups of all rows, block by block; returns what f adds to sum, for each group.
 template <class F>
 Quads sums_of_rows(Index n, Index groups, F&& f) {
     Quads parts((n + rows_of_block - 1) / rows_of_block * groups), total(groups);
@@ -106,7 +106,7 @@ void add_product(Vector<const Index> rows, Vector<const std::int32_t> pointers, 
     const Index rows_of_a_task = std::max<Index>(1, products * n / std::max<Index>(1, entries.size()));
     for_ranges(n, rows_of_a_task, [&](Index begin, Index end) {
         for (Index i = begin; i < end; ++i) {
-            // rows are neighbours in space and not in memory
+            // consecutive rows are neighbours in space, but not in memory
             if (i + ahead < end) __builtin_prefetch(&out(rows[i + ahead], 0), 1);
             if (matrix.empty(i)) continue;
             for (Index g = 0; g < groups; ++g) {
@@ -235,7 +235,7 @@ void sparse_inverse_rows(int code, Matrix<const double> points, Matrix<const Ind
         for_ranges(n, rows_of_task, [&](Index first, Index last) {
             std::vector<double> factor(width * width), at(3 * width);
             for (Index i = first; i < last; ++i) {
-                // farthest first, the point itself last: its row of the inverse factor is then one back-substitution
+                // farthest first, the point itself last: then its row of the inverse factor is one back-substitution
                 Index m = 0;
                 while (m < count && neighbours(i, m) >= 0) ++m;
                 for (Index j = 0; j <= m; ++j)
@@ -247,10 +247,10 @@ void sparse_inverse_rows(int code, Matrix<const double> points, Matrix<const Ind
                         const double dx = x[j] - x[c], dy = y[j] - y[c], dz = z[j] - z[c];
                         factor[j * width + c] = basis.phi(std::sqrt(dx * dx + dy * dy + dz * dz) * inverse_radius);
                     }
-                // Cholesky by rows of the upper factor
+                // Cholesky factorization by rows of the upper factor
                 for (Index j = 0; j <= m; ++j) {
                     double* row = &factor[j * width];
-                    // a rounded-away pivot only weakens the preconditioner: keep it positive
+                    // a pivot that is lost in rounding only weakens the preconditioner: keep it positive
                     const double pivot = std::sqrt(std::max(row[j], 1e-14));
                     for (Index c = j; c <= m; ++c) row[c] = c == j ? pivot : row[c] / pivot;
                     for (Index r = j + 1; r <= m; ++r) {

@@ -5,7 +5,7 @@
 namespace mesh_motion {
 namespace {
 
-/// Points of a block: some 10⁵ pairs.
+/// Number of points in a block: some 10⁵ pairs.
 Index points_of_block(double visited, Index columns) {
     const double work = (visited + 64.0) * (1.0 + static_cast<double>(columns) / 8.0);
     return std::max<Index>(1, static_cast<Index>(1e5 / work));
@@ -18,7 +18,7 @@ void check_sums(Matrix<const double> points, Matrix<const double> centres, Matri
     require(rows == points.shape(0) && columns == weights.shape(0), "out: expected shape (n, k) or (n, k, d)");
 }
 
-/// gradients_over for as many components as axes. Without an array of the axes the compiler finds full vectors.
+/// gradients_over for as many components as axes. Without an array over the axes the compiler uses full vectors.
 template <class Basis, std::size_t D>
 void few_gradients(const Point& x, const FewRuns<max_runs>& runs, Matrix<const double> centres,
                    Matrix<const double> weights, double inverse_radius, Matrix<double> out) {

@@ -1,9 +1,9 @@
 // Sums over centres: Σ_j w_j φ(|x − x_j|/R) and its gradient.
 //
-// Centres lie sorted by the cells of a uniform grid (centres.py), coordinates and weights one row a component, so that
-// the centres near a point are a few contiguous runs and every inner loop reads whole cache lines. The sum at a point
-// is formed by one thread in an order that depends on the centres alone: bitwise the same for any number of threads,
-// and for any set of points evaluated together. Nothing of the size points × centres exists.
+// Centres are sorted by the cells of a uniform grid (centres.py); coordinates and weights have one row for each
+// component, so that the centres near a point are a few contiguous runs and every inner loop reads whole cache lines.
+// One thread forms the sum at a point, in an order that depends only on the centres: bitwise the same for any
+// number of threads, and for any set of points evaluated together. No array has the size points × centres.
 #pragma once
 
 #include <array>
@@ -25,7 +25,7 @@ struct Run {
     Index first, last;
 };
 
-/// A few runs without memory of their own.
+/// A few runs, without allocated memory.
 template <std::size_t Most>
 class FewRuns {
   public:
@@ -39,10 +39,10 @@ class FewRuns {
     std::size_t count_ = 0;
 };
 
-/// Rows of cells next to a point in three dimensions.
+/// Number of rows of cells next to a point in three dimensions.
 inline constexpr std::size_t max_runs = 9;
 
-/// The grid of cells that finds sorted centres; its side is at least R for a compact basis.
+/// The grid of cells that finds sorted centres; for a compact basis its side is at least R.
 struct CentreGrid {
     std::array<double, 3> origin;
     double inverse_side;         // 0 for a single cell
@@ -64,17 +64,18 @@ struct CentreGrid {
                 "starts: expected a number for each cell, from 0 to the number of centres");
     }
 
-    /// Cell number along one axis, at most one past either end's neighbour; far points land on −2 or n + 1.
+    /// Cell number along one axis; places outside the grid get at most one past the neighbour of either end: −2 or
+    /// n + 1.
     Index cell(const Point& x, std::size_t axis) const {
         const double place = std::floor((x[axis] - origin[axis]) * inverse_side);
         return static_cast<Index>(std::min(std::max(-2.0, place), static_cast<double>(shape[axis]) + 1.0));
     }
 
-    /// Cells of the grid and one more on each side.
+    /// Number of cells of the grid with one more on each side.
     Index cells_around() const { return (shape[0] + 2) * (shape[1] + 2) * (shape[2] + 2); }
 
-    /// Which of these holds each of the points first … first + count − 1 (n, d), −1 if none: the same number, the same
-    /// runs. Axis by axis, so that the loops become vector code.
+    /// The cell of each of the points first … first + count − 1 (n, d), −1 if outside: equal numbers have equal runs.
+    /// Computed axis by axis, so that the loops become vector code.
     template <int d>
     void numbers(Matrix<const double> points, Index first, Index count, std::int32_t* __restrict found) const {
         const double* __restrict x = points.data() + first * d;
@@ -83,7 +84,7 @@ struct CentreGrid {
             const double low = origin[axis], end = static_cast<double>(shape[axis] + 2);
             const auto cells = static_cast<std::int32_t>(shape[axis] + 2);
             for (Index i = 0; i < count; ++i) {
-                // rounded otherwise than in cell(): next to a cell's side either one's runs have all that is near
+                // rounding differs from cell(): next to a cell's side the runs of both cells contain all near centres
                 const double place = ((axis < d ? x[d * i + axis] : 0.0) - low) * inverse_side + 1.0;
                 const bool along = (0.0 <= place) & (place < end);
                 const std::int32_t number = found[i] * cells + static_cast<std::int32_t>(along ? place : 0.0);
@@ -92,14 +93,15 @@ struct CentreGrid {
         }
     }
 
-    /// The same of one point.
+    /// The same for one point.
     Index number(const Point& x) const {
         std::int32_t found;
         numbers<3>({x.data(), {1, 3}}, 0, 1, &found);
         return found;
     }
 
-    /// The centres within one cell of a point: at most nine runs, since the cells along x are neighbours.
+    /// The centres within one cell of a point: at most nine runs, because cells that follow along x are neighbours in
+    /// memory.
     FewRuns<max_runs> centre_runs(const Point& x) const {
         FewRuns<max_runs> runs;
         const auto low = [&](std::size_t axis) { return std::max<Index>(cell(x, axis) - 1, 0); };
@@ -116,17 +118,17 @@ struct CentreGrid {
         return runs;
     }
 
-    /// Centres that a sum visits at a point, roughly: as many as if all cells held the same.
+    /// Rough number of centres that a sum visits at a point, as if all cells had the same number.
     double visited() const {
         const auto centres = static_cast<double>(starts[starts.size() - 1]);
         return std::min(centres, std::max(64.0, 27.0 * centres / static_cast<double>(starts.size() - 1)));
     }
 };
 
-/// Centres of a tile: its φ (or the three components of ∇φ) stay in a first-level cache together with the weights.
+/// Number of centres in a tile: its φ (or the three components of ∇φ) and the weights stay in the first-level cache.
 inline constexpr Index tile_size = 256;
 
-/// Rows of coordinates or weights as plain pointers to rows of the same length.
+/// Rows of coordinates or weights, as plain pointers to rows of equal length.
 template <std::size_t N>
 std::array<const double*, N> rows_of(Matrix<const double> rows) {
     std::array<const double*, N> pointers;
@@ -146,11 +148,11 @@ inline void fill_tile(const Point& x, Index first, Index last, Matrix<const doub
     }
 }
 
-/// Whether displacements and their gradients take one loop without a tile: for the basis of nearly all interpolants.
+/// Whether displacements and their gradients use one loop without a tile: for the basis of nearly all interpolants.
 template <class Basis>
 inline constexpr bool fused = std::is_same_v<Basis, WendlandC2>;
 
-/// sum_over for K components, whose products hide behind the square root: 0.6 ns a pair.
+/// sum_over for K components, whose products take no time besides the square root: 0.6 ns a pair.
 template <class Basis, std::size_t K, class Ranges>
 inline void few_sums(const Point& x, const Ranges& runs, Matrix<const double> centres, Matrix<const double> weights,
                      double inverse_radius, Vector<double> out) {
@@ -173,7 +175,7 @@ inline void few_sums(const Point& x, const Ranges& runs, Matrix<const double> ce
 
 /// out[c] = Σ_j weights[c, j] φ(|x − centres[:, j]|/R) over the centres j of some runs.
 ///
-/// Any range of Run, (3, n) centres, (k, n) weights, (k,) out. The distances and φ of many columns are worked out once.
+/// Any range of Run, (3, n) centres, (k, n) weights, (k,) out. The distances and φ are computed once for many columns.
 template <class Basis, class Ranges>
 inline void sum_over(const Point& x, const Ranges& runs, Matrix<const double> centres, Matrix<const double> weights,
                      double inverse_radius, Vector<double> out) {
@@ -201,12 +203,13 @@ inline void sum_over(const Point& x, const Ranges& runs, Matrix<const double> ce
 
 /// out[i, c] = Σ_j weights[c, j] φ(|points[i] − centres[:, j]| / R).
 ///
-/// (n, 3) points, (3, nc) centres sorted by cells, (k, nc) weights sorted alike, the grid as in CentreGrid, (n, k) out.
+/// (n, 3) points, (3, nc) centres sorted by cells, (k, nc) weights in the same order, the grid as in CentreGrid, (n, k)
+/// out.
 void sum_values(int code, Matrix<const double> points, Matrix<const double> centres, Matrix<const double> weights,
                 double inverse_radius, Vector<const double> origin, double inverse_side, Vector<const Index> shape,
                 Vector<const Index> starts, Matrix<double> out);
 
-/// out[i, c, m] = Σ_j weights[c, j] ∂φ/∂x_m; arguments as of sum_values, (n, k, d) out.
+/// out[i, c, m] = Σ_j weights[c, j] ∂φ/∂x_m; arguments as in sum_values, (n, k, d) out.
 void sum_gradients(int code, Matrix<const double> points, Matrix<const double> centres, Matrix<const double> weights,
                    double inverse_radius, Vector<const double> origin, double inverse_side, Vector<const Index> shape,
                    Vector<const Index> starts, Cube<double> out);

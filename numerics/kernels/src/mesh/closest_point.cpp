@@ -15,7 +15,7 @@ constexpr Index points_per_task = 64;  // of some hundred candidates each
 using Vec = std::array<double, 3>;
 
 constexpr double beyond = 1e-9;        // share of a facet by which a point may be outside
-constexpr int newton_iterations = 20;  // on a triangle: three or four where it is near
+constexpr int newton_iterations = 20;  // on a triangle: three or four iterations if the point is near
 
 Vec read(Vector<const double> row) { return {row[0], row[1], row[2]}; }
 Vec operator-(const Vec& a, const Vec& b) { return {a[0] - b[0], a[1] - b[1], a[2] - b[2]}; }
@@ -76,7 +76,8 @@ void check(Matrix<const double> points, Cube<const double> corners, Vector<const
     check_numbers(candidates, corners.shape(0));
 }
 
-/// The point q(t) of a segment with (p − q) · d = 0 for its interpolated direction d(t): false if there is none.
+/// The point q(t) of a segment with (p − q) · d = 0 for its interpolated direction d(t); returns false if there is
+/// none.
 bool across_segment(const Vec& p, Matrix<const double> ends, Matrix<const double> directions, Vec& out) {
     const Vec a = read(ends[0]), ab = read(ends[1]) - a, d = read(directions[0]), turn = read(directions[1]) - d;
     const Vec ap = p - a;
@@ -89,7 +90,8 @@ bool across_segment(const Vec& p, Matrix<const double> ends, Matrix<const double
     return true;
 }
 
-/// The point q(u, v) of a triangle with p = q + h n for its interpolated normal n(u, v): false if there is none.
+/// The point q(u, v) of a triangle with p = q + h n for its interpolated normal n(u, v); returns false if there is
+/// none.
 bool along_normal(const Vec& p, Matrix<const double> corners, Matrix<const double> normals, Vec& out) {
     const Vec a = read(corners[0]), ab = read(corners[1]) - a, ac = read(corners[2]) - a, ap = p - a;
     const Vec n = read(normals[0]), turn_b = read(normals[1]) - n, turn_c = read(normals[2]) - n;
@@ -112,7 +114,8 @@ bool along_normal(const Vec& p, Matrix<const double> corners, Matrix<const doubl
     return true;
 }
 
-/// A box around facets, then boxes around one half of them and the other, and so on; so facets of all sizes may mix.
+/// A tree of boxes: one box around all facets, then boxes around each half of them, and so on. Facets may differ in
+/// size.
 class FacetBoxes {
   public:
     explicit FacetBoxes(Cube<const double> corners) : corners_(corners), order_(corners.shape(0)) {
@@ -121,7 +124,7 @@ class FacetBoxes {
     }
 
     bool has_within(const Vec& p, double distance) const {
-        const double most = distance * distance * (1.0 + 1e-9);  // by rounding no box is left out
+        const double most = distance * distance * (1.0 + 1e-9);  // larger, so that rounding leaves out no box
         for (std::size_t at = 0; at < boxes_.size();) {
             const Box& box = boxes_[at];
             double away = 0.0;
@@ -142,7 +145,7 @@ class FacetBoxes {
     }
 
   private:
-    /// Its halves follow it; `behind` is the first box that is not in it.
+    /// The box's halves follow it; `behind` is the first box that is not inside.
     struct Box {
         Vec low, high;
         Index first, last;

@@ -1,4 +1,4 @@
-// The closest points of segments and triangles, and those that their interpolated directions lead to.
+// Closest points on segments and triangles, and points reached along their interpolated directions.
 #pragma once
 
 #include "view.h"
@@ -6,17 +6,17 @@
 namespace mesh_motion {
 
 /// out[i] (n, 3): the point nearest to points[i] (n, 3) on its candidates, which are the facets (f, 2 or 3, 3) with the
-/// numbers candidates[starts[i]:starts[i + 1]] (c,); facets[i]: its facet, of equally near ones the first candidate.
-/// Both are left as they are where nothing is near: no candidate, or a place that is not finite.
+/// numbers candidates[starts[i]:starts[i + 1]] (c,). facets[i]: the facet of that point; of equally near facets, the
+/// first candidate. Both stay unchanged if there is no candidate or a position is not finite.
 void closest_points(Matrix<const double> points, Cube<const double> corners, Vector<const Index> starts,
                     Vector<const Index> candidates, Matrix<double> out, Vector<Index> facets);
 
-/// out[i] (n, 3): the nearest point of the candidates to which points[i] comes along a normal that is interpolated
-/// between a facet's corners; left as it is where there is none. It changes continuously with the point near the facets,
-/// where the closest point jumps over their kinks.
+/// out[i] (n, 3): the nearest point of the candidates from which points[i] lies along a normal that is interpolated
+/// between a facet's corners; unchanged if there is none. Near the facets it changes continuously with the point, while
+/// the closest point jumps over their kinks.
 ///
-/// `directions` (f, 2 or 3, 3) at each corner: of segments a tangent, along the segment; of triangles a normal.
-/// `nearest` (n,): numbers of facets that are tried first.
+/// `directions` (f, 2 or 3, 3) at each corner: for segments a tangent along the segment; for triangles a normal.
+/// `nearest` (n,): numbers of the facets that are tried first.
 void smooth_points(Matrix<const double> points, Cube<const double> corners, Cube<const double> directions,
                    Vector<const Index> nearest, Vector<const Index> starts, Vector<const Index> candidates,
                    Matrix<double> out);

@@ -11,7 +11,7 @@ namespace {
 
 constexpr Index none = std::numeric_limits<Index>::max();
 constexpr Index nodes_per_task = 512, cells_per_task = 1 << 12;
-constexpr Index ahead = 16;  // cells fetched before they are needed: of cells in any order each one is a wait for memory
+constexpr Index ahead = 16;  // number of cells to prefetch: in random order, each cell would be a wait for memory
 
 /// Cells of one type, and the local nodes of their facets.
 struct Block {
@@ -21,7 +21,7 @@ struct Block {
     std::array<std::array<int, 4>, facets_per_cell> local{};
     std::array<int, facets_per_cell> sizes{};
     bool simplex;
-    std::array<Index, 4> without{};  // of a simplex: the facet that a local node is not on
+    std::array<Index, 4> without{};  // for simplices: the facet opposite each local node
 
     Block(Matrix<const Node> its_nodes, Index its_first, Matrix<const Index> table)
         : nodes(its_nodes), first(its_first), width(its_nodes.shape(1)) {
@@ -44,7 +44,7 @@ struct Block {
     Index end() const { return first + nodes.shape(0); }
     Vector<const Node> cell(Index number) const { return nodes[number - first]; }
 
-    /// Which local node of a facet is the smallest.
+    /// The local number of a facet's smallest node.
     int smallest(Vector<const Node> cell, int f) const {
         int place = 0;
         for (int i = 1; i < sizes[f]; ++i)
@@ -52,8 +52,8 @@ struct Block {
         return place;
     }
 
-    /// visit(node) for the different smallest nodes of a cell's facets. The smallest node of a simplex is that of all
-    /// its facets but one, which has the second one.
+    /// Calls visit(node) for the different smallest nodes of a cell's facets. In a simplex, the smallest node is that
+    /// of all facets but one; the remaining facet has the second smallest node.
     template <class Visit>
     void for_smallest(Vector<const Node> cell, Visit&& visit) const {
         if (simplex) {
@@ -93,7 +93,7 @@ std::vector<Block> described(Vector<const Node> nodes, Matrix<const Index> block
     return found;
 }
 
-/// Cells put side by side that have a facet with the same smallest node: a counting sort of cell numbers.
+/// Groups cells that have a facet with the same smallest node, by a counting sort of cell numbers.
 struct Buckets {
     std::vector<Index> starts;  // (n + 2,), the last one unused
     std::vector<std::uint32_t> cells;
@@ -112,22 +112,23 @@ struct Buckets {
         each([&](Index node, Index cell) { cells[count_one(starts[node + 1])] = static_cast<std::uint32_t>(cell); });
     }
 
-    /// Puts the cells of nodes first … last − 1 in the order of their numbers: threads have filled in as they came.
+    /// Sorts the cells of nodes first … last − 1 by their numbers, because threads have filled them in any order.
     void sort(Index first, Index last) {
         for (Index node = first; node < last; ++node)
             std::sort(cells.begin() + starts[node], cells.begin() + starts[node + 1]);
     }
 };
 
-/// A facet by its nodes other than the smallest one. Two cells that share it see it from different sides: the side is 1
-/// where, going round the facet from its smallest node as seen from outside the cell, the smaller neighbour comes first.
+/// A facet, described by its nodes other than the smallest one. Two cells that share it see it from different sides.
+/// The side is 1 if, going round the facet from its smallest node as seen from outside the cell, the smaller neighbour
+/// comes first.
 struct Facet {
-    Index key, fourth;  // the two smaller nodes, and the last one of four
+    Index key, fourth;  // the two smaller nodes, and the last one of a quad
     Index number;
     bool side;
 };
 
-/// What one task finds.
+/// The results of one task.
 struct Found {
     std::vector<Index> single;
     std::vector<std::array<Index, 2>> pairs;
@@ -143,7 +144,7 @@ class Matcher {
         facets_.clear();
     }
 
-    /// Adds the cell's facets whose smallest node it is.
+    /// Adds the cell's facets that have this smallest node.
     void add(const Block& block, Index number) {
         const Vector<const Node> cell = block.cell(number);
         const Index tag = facets_per_cell * number;
@@ -173,9 +174,9 @@ class Matcher {
         }
     }
 
-    /// Finds the facets that are the same.
+    /// Finds equal facets.
     void match() {
-        // open addressing, less than half full: about as many comparisons as facets, however many a node has
+        // open addressing, less than half full: about as many comparisons as facets, even for a node with many facets
         const std::size_t size = std::bit_ceil(2 * facets_.size() + 1);
         const int shift = 64 - std::countr_zero(size);
         slots_.assign(size, -1);
@@ -211,8 +212,9 @@ class Matcher {
     static bool same(const Facet& a, const Facet& b) { return a.key == b.key && a.fourth == b.fourth; }
     void crowd(Index number) { found_.crowded = std::min(found_.crowded, number); }
 
-    /// The facet of a simplex without the j-th of its sorted nodes is seen from side 1 − j mod 2, and from the other one
-    /// where sorting took an odd number of exchanges. A local node goes along in two bits, so that sorting has no branch.
+    /// The facet of a simplex without the j-th of its sorted nodes is seen from side 1 − j mod 2, or from the other
+    /// side if sorting took an odd number of exchanges. Two bits of each entry keep the local node, so that sorting has
+    /// no branch.
     template <int count>
     void add_simplex(const Block& block, Vector<const Node> cell, Index tag) {
         std::array<Index, count> sorted;

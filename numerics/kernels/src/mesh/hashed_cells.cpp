@@ -9,9 +9,9 @@
 namespace mesh_motion {
 namespace {
 
-constexpr Index around = 27;  // cells around a place, of which neighbours along x may make one run
+constexpr Index around = 27;  // cells around a place; neighbours along x may form one run
 
-/// Fills the table for the cells held (c,), ascending, whose points begin at starts (c + 1,).
+/// Fills the table for the cells `held` (c,), ascending, whose points begin at starts (c + 1,).
 void fill_table(const std::vector<Index>& held, const std::vector<Index>& starts, StoredCells& out) {
     const auto cells = static_cast<Index>(held.size());
     require(around * cells < std::numeric_limits<std::int32_t>::max(), "points: expected at most 79 million cells");
@@ -39,7 +39,7 @@ void fill_table(const std::vector<Index>& held, const std::vector<Index>& starts
         spans(slot, 0) = spans(slot, 1) = used;
         used += count;
     }
-    for (Index cell = 0; cell < cells; ++cell) {  // ascending: a cell's runs are, and neighbours along x are one
+    for (Index cell = 0; cell < cells; ++cell) {  // ascending, so a cell's runs ascend and can be joined along x
         const auto begin = static_cast<std::int32_t>(starts[cell]), end = static_cast<std::int32_t>(starts[cell + 1]);
         for (const Index slot : slots[cell]) {
             std::int32_t& last = spans(slot, 1);

@@ -7,12 +7,12 @@
 namespace mesh_motion {
 namespace {
 
-constexpr Index block = 1 << 16;  // numbers of one task: less than that takes no longer than waking a thread
+constexpr Index block = 1 << 16;  // numbers in one task: for fewer numbers, waking a thread takes longer
 
 }  // namespace
 
 Owned<double, 2> corners_of(Matrix<const double> points) {
-    constexpr Index most = 3 * 8;  // whole points and whole registers, whatever the dimension is
+    constexpr Index most = 3 * 8;  // whole points and whole registers, for each dimension
     const Index d = points.shape(1), all = points.size(), width = 8 * d;
     require(all > 0 && d <= 3, "points: expected at least one of 1 to 3 coordinates");
     const Index tasks = (all + block * d - 1) / (block * d);

@@ -1,4 +1,4 @@
-// Points in another order, as the sums walk them, and the box around them.
+// Points in the order in which the sums use them, and the box around them.
 #pragma once
 
 #include <algorithm>

@@ -1,11 +1,11 @@
-// What the angles of a quad's or hexahedron's corner add to its distortion against rest.
+// The term of the angles at a corner of a quad or hexahedron in its distortion relative to rest.
 //
 // With the obliqueness o = Σ log |a_k| − log |det A| of the edges a_k, and x = max(o − o at rest, 0):
 //
 //   φ = b x³ / (x + e)²
 //
-// b x but for a short start, with two continuous derivatives. A corner that is less oblique than at rest gains nothing:
-// otherwise it could pay for a squeezed one.
+// This is b x after a short start, with two continuous derivatives. A corner that is less oblique than at rest gains
+// nothing: otherwise it could compensate for a squeezed one.
 #pragma once
 
 namespace mesh_motion {
@@ -13,8 +13,9 @@ namespace mesh_motion {
 /// φ at x ≥ 0.
 template <class Number>
 struct AngleLaw {
-    // more keeps more of the angles of a cascade's mesh (0.62 of a skew with 1, 0.73 with 2, not 0.56) and less of the
-    // size-skew of others; with 2, coarse hexahedra about a body that turns by 40° have no smooth mesh
+    // a larger value keeps more of the angles in a cascade's mesh (0.62 of a skew with 1, 0.73 with 2, instead of 0.56)
+    // and less of the size-skew of other meshes; with 2, coarse hexahedra around a body that turns by 40° have no
+    // smooth mesh
     static constexpr double weight = 0.5, start = 0.05;
     Number x, sum, ratio;
 

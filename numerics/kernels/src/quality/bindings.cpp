@@ -6,7 +6,7 @@
 #include "quality/summaries.h"
 
 #ifdef NB_TYPE_CASTER  // without nanobind recorded calls are repeated: tests/kernels/replay
-/// What is known at rest comes as (skews, points).
+/// The state at rest is passed as (skews, points).
 template <>
 struct nanobind::detail::type_caster<mesh_motion::AtRest> {
     using Both = std::pair<mesh_motion::Vector<const double>, mesh_motion::Matrix<const double>>;

@@ -9,14 +9,14 @@
 namespace mesh_motion {
 namespace {
 
-constexpr Index block = 512;             // cells of one task
-constexpr double rounding = 1.0 - 1e-9;  // what rounding may add to a bound that is exact in real numbers
+constexpr Index block = 512;             // cells in one task
+constexpr double rounding = 1.0 - 1e-9;  // the largest rounding error of a bound that is exact in real numbers
 constexpr double infinity = std::numeric_limits<double>::infinity();
 
-/// Terms of a cubic polynomial in d variables without its constant.
+/// Number of terms of a cubic polynomial in d variables without its constant.
 constexpr Index terms_of(int d) { return d + d * (d + 1) / 2 + d * (d + 1) * (d + 2) / 6; }
 
-/// Displacement at y from the group's centre, less that of the centre itself.
+/// Displacement at y from the group's centre, minus that of the centre itself.
 template <int d>
 std::array<double, d> polynomial(const std::array<double, d>& y, const double* coefficients) {
     std::array<double, d> found{};
@@ -53,7 +53,7 @@ constexpr double inverse_norm<Tetra> = 1.4142135623730951;
 template <>
 constexpr double inverse_norm<Pyramid> = 1.8477590650225735;  // √(2 + √2)
 
-/// f_k of a corner: with √(Σ δ²) and Π (|J_i| + δ_i) and the least determinant for its bound.
+/// f_k of a corner; for its bound with √(Σ δ²), Π (|J_i| + δ_i) and the smallest determinant.
 template <class Type>
 double shape_term([[maybe_unused]] const Square<Type::dimension>& j, [[maybe_unused]] double product,
                   [[maybe_unused]] double slack, [[maybe_unused]] double det) {
@@ -89,7 +89,7 @@ void bound(const double* points, const Node* nodes, double reference, const doub
         moved[k] = polynomial<d>(y, coefficients);
     }
     double total = 0.0, low = 0.0, high = 0.0, terms = 0.0, terms_high = 0.0;
-    bool certain = true;  // no corner might be inverted
+    bool certain = true;  // false if a corner might be inverted
     for (const auto& corner : Type::corners) {
         const int origin = corner[0];
         Square<d> j;

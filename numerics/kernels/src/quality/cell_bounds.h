@@ -1,11 +1,11 @@
-// Quality of cells by their group's Taylor polynomial, and the least it can be given the remainder.
+// Quality of cells from the Taylor polynomial of their group, and its lower bound given the remainder.
 #pragma once
 
 #include "view.h"
 
 namespace mesh_motion {
 
-/// Rows size and skew of modelled and least (2, m), of cells with `nodes` (m, k) into points (n, d).
+/// `modelled` and `least` (2, m) have the rows size and skew, for cells with `nodes` (m, k) into points (n, d).
 ///
 /// reference (m,), group (m,); middles (g, d), coefficients (g, d, c) and remainder (g,) of the groups' polynomials.
 /// Cells of a group without a remainder (∞) get NaN and −∞.
@@ -18,7 +18,7 @@ namespace mesh_motion {
 ///     Π of the column lengths at most Π (|J_i| + δ_i)                     (angles)
 ///
 /// With the least determinants the largest f_k (cell_types.h) follow, hence the least skew n / Σ f_k; with the least
-/// and the largest Σ α_k the least size. A cell with a corner that might be inverted has no bound (−∞).
+/// and the largest Σ α_k the least size. If a corner of a cell might be inverted, the cell has no bound (−∞).
 void bounded_quality(Matrix<const double> points, Matrix<const Node> nodes, Vector<const double> reference,
                      Vector<const Index> group, Matrix<const double> middles, Cube<const double> coefficients,
                      Vector<const double> remainder, Matrix<double> modelled, Matrix<double> least);

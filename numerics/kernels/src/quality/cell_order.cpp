@@ -19,7 +19,7 @@ Index sort_cells(const std::vector<std::pair<Vector<const Index>, Matrix<const N
     require(nodes <= std::numeric_limits<Node>::max(), "nodes: expected fewer than 2³¹");
     require(width > 0 && nodes >= 0, "rows: expected at least one column; nodes: expected a count");
     Index total = 0;
-    std::vector<Index> place(nodes + 1);  // where the next row of a first node goes
+    std::vector<Index> place(nodes + 1);  // the place of the next row with this first node
     for (const auto& [map, cells] : pieces) {
         require(cells.shape(1) == width, "pieces: expected cells of one type");
         total += cells.shape(0);
@@ -40,7 +40,7 @@ Index sort_cells(const std::vector<std::pair<Vector<const Index>, Matrix<const N
     for (const auto& [map, cells] : pieces) {
         for_ranges(cells.shape(0), cells_at_once, [&](Index first, Index last) {
             for (Index e = first; e < last; ++e) {
-                const Index at = count_one(place[map[cells(e, 0)]]);  // in any order: what follows sorts the bucket
+                const Index at = count_one(place[map[cells(e, 0)]]);  // in any order: the bucket is sorted below
                 for (Index k = 0; k < width; ++k) rows(at, k) = static_cast<Node>(map[cells(e, k)]);
                 order[at] = static_cast<Order>(before + e);
             }

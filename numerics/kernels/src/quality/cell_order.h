@@ -8,12 +8,12 @@
 
 namespace mesh_motion {
 
-/// Cells of one type, renumbered and sorted.
+/// Renumbers and sorts the cells of one type.
 ///
-/// pieces: new numbers of the nodes that the cells (m_i, k) name, and these cells; every number below `nodes`. Order is
-/// int32 or int64. rows (m, k) are ascending, equal ones in the order they came; order (m,) is where
-/// each came from, counted through the pieces. Cells go to one bucket for each first node, each sorted by the others.
-/// Returns the first row that equals the one before it, or −1.
+/// pieces: new numbers of the nodes that the cells (m_i, k) name, and these cells; every number is below `nodes`. The
+/// type of `order` is int32 or int64. rows (m, k) ascend, equal rows in their original order; order (m,) has the
+/// original place of each row, counted through the pieces. Cells are put in one bucket for each first node, and each
+/// bucket is sorted by the other nodes. Returns the first row that equals the row before it, or −1.
 template <class Order>
 Index sort_cells(const std::vector<std::pair<Vector<const Index>, Matrix<const Node>>>& pieces, Index nodes,
                  Matrix<Node> rows, Vector<Order> order);

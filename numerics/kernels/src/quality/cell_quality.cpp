@@ -13,15 +13,15 @@ namespace mesh_motion {
 namespace {
 
 constexpr double infinity = std::numeric_limits<double>::infinity();
-constexpr double smallest = 1e-290;  // smaller determinants are taken as 0: their roots would have lost digits
+constexpr double smallest = 1e-290;  // smaller determinants are taken as 0: their roots would have too few digits
 
-/// One corner's Jacobians of a chunk of cells, entry by entry, so that cells lie side by side.
+/// The Jacobians of one corner for a chunk of cells, entry by entry, so that cells are adjacent in memory.
 template <int d>
 struct alignas(64) Jacobians {
     double entry[d][d][chunk];
 };
 
-/// One corner of one cell, out of the chunk.
+/// One corner of one cell of the chunk.
 template <int d>
 struct Corner {
     double a[d][d];
@@ -64,10 +64,10 @@ template <class Type>
     return own + mixed;
 }
 
-/// What may be divided by.
+/// A nonzero number to divide by.
 inline double at_least_smallest(double extent) { return extent > smallest ? extent : smallest; }
 
-/// f_k of a corner with the determinant α_k; some number where that is 0.
+/// f_k of a corner with the determinant α_k; any finite number if α_k is 0.
 template <class Type>
 [[gnu::always_inline]] inline double shape_term(const Corner<Type::dimension>& corner, double determinant) {
     constexpr int d = Type::dimension;
@@ -88,15 +88,15 @@ template <class Type>
     }
 }
 
-/// Size, skew and Σ sign α (0 of what is no number) of a cell from Σ α, Σ f and Σ sign α of its n corners.
+/// Size, skew and Σ sign α (0 if it is not a number) of a cell, from Σ α, Σ f and Σ sign α of its n corners.
 template <int n>
 [[gnu::always_inline]] inline void judge_cell(double extent, double terms, double reference, double& size, double& skew,
                                               double& signs) {
-    // min(|τ|, 1/|τ|) with the sign of τ, by one division
+    // min(|τ|, 1/|τ|) with the sign of τ, with one division
     const bool smaller = std::abs(extent) <= std::abs(reference);
     const double ratio = (smaller ? extent : reference) / (smaller ? reference : extent);
     const double shape = std::abs(signs) == n ? n / terms : 0.0;
-    // a number minus itself is 0 and a NaN or an infinity is not: positions that are no numbers are the worst
+    // x − x is 0 only for a finite x: positions that are not finite get the worst quality
     const bool valid = (extent - extent == 0.0) & (terms == terms) & (ratio == ratio);
     size = valid ? ratio : -infinity;
     skew = valid ? shape : -infinity;
@@ -117,7 +117,7 @@ void judge_chunk(Gather&& gather, Index count, const double* __restrict referenc
             const double alpha = corner.determinant(), term = shape_term<Type>(corner, alpha);
             const double sign = (alpha > smallest ? 1.0 : 0.0) - (alpha < -smallest ? 1.0 : 0.0);
             signs[s] = k ? signs[s] + sign : sign;
-            if constexpr (n == 1) {  // divisions take as long as all the rest, and overlap with it
+            if constexpr (n == 1) {  // divisions take as long as everything else, and run in parallel with it
                 judge_cell<n>(alpha, term, reference[s], size[s], skew[s], signs[s]);
             } else {
                 extent[s] = k ? extent[s] + alpha : alpha;
@@ -144,10 +144,10 @@ using Eight [[gnu::vector_size(8 * sizeof(double))]] = double;
             Four{at[0][2], at[1][2], at[2][2], at[3][2]}};
 }
 
-/// The same of as many positions as a register has lanes, where a fourth number may be read beyond each.
+/// The same for as many positions as a register has lanes; it may read a fourth number after each position.
 template <std::size_t count>
 [[gnu::always_inline]] inline auto by_coordinate_and_more(const std::array<const double*, count>& at) {
-    if constexpr (count == 8) {  // by as many instructions as four; a register takes the cells 0 and 2, 1 and 3, 4 and 6 …
+    if constexpr (count == 8) {  // as few instructions as for four; a register: cells 0 and 2, 1 and 3, 4 and 6 …
         std::array<Eight, 4> p;
         for (int c = 0; c < 4; ++c) {
             Four low, high;
@@ -172,10 +172,10 @@ template <std::size_t count>
     }
 }
 
-/// The nodes of a chunk's cells, which are checked while they are near.
+/// The nodes of a chunk's cells, checked while they are in the cache.
 struct Rows {
     const Node* first;
-    bool inside = false;  // none is the last point, beyond which nothing may be read
+    bool inside = false;  // no cell has the last point, after which no number may be read
 
     Rows(Matrix<const double> points, Matrix<const Node> nodes, Index begin, Index count) {
         const auto rows = nodes.rows(begin, begin + count);
@@ -193,7 +193,7 @@ struct Rows {
     }
 };
 
-/// Writes the Jacobians of the corners k of cells from positions; cell(s) are the nodes of the cell s.
+/// Writes the Jacobians of the corners k of cells, from positions; cell(s) are the nodes of cell s.
 template <class Type, class Cell>
 auto from_points(Matrix<const double> points, Index count, Cell cell, bool inside = false) {
     constexpr int d = Type::dimension;
@@ -217,7 +217,7 @@ auto from_points(Matrix<const double> points, Index count, Cell cell, bool insid
                 }
             }
         };
-        if constexpr (d == 3 && register_lanes >= 4) {  // slower than one by one in narrower registers
+        if constexpr (d == 3 && register_lanes >= 4) {  // with narrower registers this is slower than one by one
             const auto more = [](const auto& at) { return by_coordinate_and_more(at); };
             if (inside) together(std::integral_constant<int, register_lanes>{}, more);
             else together(std::integral_constant<int, 4>{}, [](const auto& at) { return by_coordinate(at); });
@@ -233,13 +233,13 @@ auto from_points(Matrix<const double> points, Index count, Cell cell, bool insid
     };
 }
 
-/// f(first, count) for the chunks of the cells first … last − 1.
+/// Calls f(first, count) for the chunks of the cells first … last − 1.
 template <class F>
 void for_chunks(Index first, Index last, F&& f) {
     for (; first < last; first += chunk) f(first, std::min(chunk, last - first));
 }
 
-/// Judges cells of one block from their nodes.
+/// Judges the cells of one block from their nodes.
 template <class Type>
 void judge_rows(Matrix<const double> points, Matrix<const Node> nodes, const double* reference, double* size,
                 double* skew, bool* inverted) {
@@ -250,9 +250,9 @@ void judge_rows(Matrix<const double> points, Matrix<const Node> nodes, const dou
     });
 }
 
-constexpr double flat_corner = 1e-6;  // det / product of the edges' lengths: such corners have no shape to keep
+constexpr double flat_corner = 1e-6;  // of det / product of the edge lengths: flatter corners have no shape
 
-/// d |det T|^(2/d) / |T|² of a corner against itself at rest; 1 where that is flat.
+/// d |det T|^(2/d) / |T|² of a corner relative to its state at rest; 1 if it is flat at rest.
 template <int d>
 [[gnu::always_inline]] inline double kept_shape(const Corner<d>& now, const Corner<d>& rest) {
     double inverse[d][d];  // det A₀ A₀⁻¹
@@ -272,7 +272,7 @@ template <int d>
     for (int j = 0; j < d; ++j) lengths *= rest.lambda(j, j);
     const double before = rest.determinant();
     const bool flat = std::abs(before) <= flat_corner * std::sqrt(lengths);
-    const double unit = 1.0 / (flat ? 1.0 : before);  // no division by zero: OpenFOAM ends where there is one
+    const double unit = 1.0 / (flat ? 1.0 : before);  // avoids a division by zero, which ends OpenFOAM
     double square = 0.0;
     for (int i = 0; i < d; ++i)
         for (int j = 0; j < d; ++j) {
@@ -291,7 +291,7 @@ template <int d>
     return flat ? 1.0 : shape;
 }
 
-/// Π |a_k|² of the edges.
+/// Π |a_k|² of the edges a_k.
 template <int d>
 double squared_lengths(const Corner<d>& corner) {
     double product = 1.0;
@@ -299,20 +299,20 @@ double squared_lengths(const Corner<d>& corner) {
     return product;
 }
 
-/// Of one corner.
+/// The value of one corner.
 template <class Type, int d = Type::dimension>
 double corner_value(const Corner<d>& now, const Corner<d>& rest) {
     constexpr bool simplex = Type::nodes == d + 1, box = !simplex && Type::corners.size() == 1 << d;
     const double det = now.determinant(), whole = rest.determinant(), before = squared_lengths<d>(rest);
     if (!simplex && std::abs(whole) <= flat_corner * std::sqrt(before)) return 0.0;
-    if (!(det * whole > smallest * whole * whole)) return 0.0;  // no division by zero: OpenFOAM ends where there is one
+    if (!(det * whole > smallest * whole * whole)) return 0.0;  // avoids a division by zero, which ends OpenFOAM
     const double shape = kept_shape<d>(now, rest), tau = det / whole, size = std::sqrt(std::min(tau, 1.0 / tau));
     if (!box) return shape * size;
     const double oblique = 0.5 * logarithm(squared_lengths<d>(now) / before) - logarithm(tau);
     return shape * size * (oblique > 0.0 ? exponential(-AngleLaw(oblique).value()) : 1.0);
 }
 
-/// Of the corners of one block.
+/// The values of the corners of one block.
 template <class Type>
 void corner_rows(Matrix<const double> points, Matrix<const double> rest_points, Matrix<const Node> nodes,
                  double* quality) {
@@ -343,7 +343,7 @@ void relate_rows(Matrix<const double> points, Matrix<const double> rest_points, 
     if constexpr (simplex) {
         for (Index s = 0; s < nodes.shape(0); ++s) {
             const double shape = skew[s] / rest_skew[s];
-            shapes[s] = shape < 1.0 ? shape : 1.0;  // a better shape than at rest counts as that at rest
+            shapes[s] = shape < 1.0 ? shape : 1.0;  // a shape better than at rest counts as the shape at rest
         }
     } else {
         for_chunks(0, nodes.shape(0), [&](Index first, Index count) {
@@ -352,7 +352,7 @@ void relate_rows(Matrix<const double> points, Matrix<const double> rest_points, 
             const auto before = from_points<Type>(rest_points, count, rows.cells<Type>(), rows.inside);
             Jacobians<d> moved, rest;
             alignas(64) double least[chunk];
-            std::fill(least, least + count, 1.0);  // and compared from the first corner on: what is not set may be NaN
+            std::fill(least, least + count, 1.0);  // min starts with the first corner: unset entries may be NaN
             for (int k = 0; k < static_cast<int>(Type::corners.size()); ++k) {
                 now(k, moved);
                 before(k, rest);
@@ -361,7 +361,7 @@ void relate_rows(Matrix<const double> points, Matrix<const double> rest_points, 
                     least[s] = least[s] < shape ? least[s] : shape;
                 }
             }
-            for (Index s = 0; s < count; ++s) {  // 0 and −∞ of cells that are inverted in part or have no position
+            for (Index s = 0; s < count; ++s) {  // 0 or −∞ for cells that are partly inverted or have no position
                 shapes[first + s] = skew[first + s] > 0.0 ? least[s] : skew[first + s];
             }
         });
@@ -375,9 +375,9 @@ void require_results(Index m, Vector<const double> reference, Vector<double> siz
 }
 
 constexpr double margin = 1.0 + 1e-9;  // of a comparison of sixth powers whose terms are rounded some thirty times
-constexpr double tiny = 1e-280;        // products below may have lost digits
+constexpr double tiny = 1e-280;        // smaller products may have too few digits
 
-/// Whether the sixth power of a tetrahedron's size-skew is above the bound, for each of the ratios of its size.
+/// Whether the sixth power of a tetrahedron's size-skew is above the bound, for both ratios of its size.
 [[gnu::always_inline]] inline bool surely_above(double det, double q, double whole, double bound) {
     const double own = det * det * det, reference = whole * whole * whole, cube = q * q * q;
     const double t2 = det * (1.0 / Tetra::ideal) * (det * (1.0 / Tetra::ideal));
@@ -447,9 +447,9 @@ void Cells::judge_chosen(Vector<const Index> numbers, double* size, double* skew
 }
 
 /// With v = √size · skew and skew³ = 27 (det / det W)² / q³ (2.14), v⁶ > limit⁶ is two comparisons without roots or
-/// divisions, one for each of the ratios whose smaller one is the size. A margin far above rounding keeps the answer
-/// true of the values as they are judged; what leaves the range of numbers is never above. Relative to the skews at
-/// rest: above the limit times that skew, and the size above limit².
+/// divisions, one for each of the two ratios of which the smaller is the size. A margin far above the rounding keeps
+/// the answer true for the computed values; products outside the range of doubles are never above. Relative to the
+/// skews at rest: above the limit times that skew, and the size above limit².
 Index Cells::mark_near(Index first, Index last, Metric metric, double limit, Index* near) const {
     const bool relative = metric == Metric::relative_size_skew;
     Index found = 0;
@@ -644,7 +644,7 @@ void column_quality(Matrix<const double> edges, Cube<const Index> columns, Vecto
         });
         return true;
     };
-    // the number of corners distinguishes the types of a dimension, too
+    // the number of corners distinguishes the types of one dimension, too
     require(judge(Line{}) || judge(Triangle{}) || judge(Quad{}) || judge(Tetra{}) || judge(Hexahedron{}) ||
                 judge(Wedge{}) || judge(Pyramid{}),
             "columns: no cell type has so many corners in this dimension");

@@ -1,4 +1,4 @@
-// Relative size and skew of cells, from positions of their nodes or from what is known of their edges.
+// Relative size and skew of cells, from the positions of their nodes or from data of their edges.
 #pragma once
 
 #include <bit>
@@ -9,15 +9,15 @@
 
 namespace mesh_motion {
 
-/// Cells that are judged side by side: the Jacobians of one corner of 128 cells are 9 KiB.
+/// Number of cells that are judged side by side: the Jacobians of one corner of 128 cells are 9 KiB.
 inline constexpr Index chunk = 128;
-/// Cells of one task; fixed, so that no result depends on the number of threads.
+/// Number of cells in one task; fixed, so that no result depends on the number of threads.
 inline constexpr Index judged_at_once = 64 * chunk;
 
-/// Quality metrics by their number in numerics/quality/metrics.py.
+/// Quality metrics, numbered as in numerics/quality/metrics.py.
 enum class Metric : Index { size, skew, size_skew, size_skew_root, size_skew_product, relative_size_skew };
 
-/// One quality metric of one cell, of the relative one with its relative shape; −∞ stays −∞.
+/// One quality metric of one cell; for the relative metric with the cell's relative shape; −∞ stays −∞.
 template <Metric metric>
 inline double metric_value(double size, double skew) {
     if constexpr (metric == Metric::size) return size;
@@ -34,12 +34,12 @@ inline double metric_value(double size, double skew) {
     return grown <= 1.0 ? value : size;
 }
 
-/// values[s] of the metric, from size[s] and skew[s], or for the relative one relative[s].
+/// values[s] of the metric, from size[s] and skew[s], or for the relative metric from relative[s].
 void metric_of(Metric metric, Index count, const double* size, const double* skew, const double* relative,
                double* values);
 
-/// What the relative metric compares cells with: the skews (m,) at rest of all cells, of which simplices are read, and
-/// the positions (n, d) at rest. Both empty where only other metrics are wanted.
+/// The state at rest for the relative metric: the skews (m,) at rest of all cells, of which those of simplices are
+/// read, and the positions (n, d) at rest. Both empty if only other metrics are used.
 struct AtRest {
     Vector<const double> skews;
     Matrix<const double> points;
@@ -47,7 +47,7 @@ struct AtRest {
 
 /// x^(−1/3) of x > 10⁻²⁹⁰ to 2 ulp, without a division: y ← y (1 − e)^(−1/3) for e = 1 − x y³, to the third order in e.
 inline double inverse_cube_root(double x) {
-    // the leading half of x's bits, divided by −3, is a guess of those of the root, 3.5 % off at most
+    // the leading half of x's bits, divided by −3, gives an estimate of the root's bits with an error of at most 3.5 %
     const std::uint64_t third = (std::bit_cast<std::uint64_t>(x) >> 32) * 0x55555556u >> 32;
     const double y = std::bit_cast<double>((0x553ee8b4u - third) << 32);
     const auto better = [x](double y) {
@@ -57,22 +57,22 @@ inline double inverse_cube_root(double x) {
     return better(better(y));
 }
 
-/// Judges cells of several blocks that are numbered through.
+/// Judges cells of several blocks with consecutive numbers.
 class Cells {
   public:
-    /// Each block's nodes (m_i, k) into points (n, d), reference (m,) sizes and the state at rest, or nothing of it.
+    /// The nodes (m_i, k) of each block into points (n, d), reference (m,) sizes, and the state at rest or nothing.
     Cells(Matrix<const double> points, std::vector<Matrix<const Node>> blocks, Vector<const double> reference,
           AtRest rest);
 
     Index size() const { return reference_.size(); }
     bool has_rest() const { return rest_.skews.size() == size(); }
 
-    /// Sizes, skews, relative shapes (unless null) and whether they are inverted of the cells first … last − 1.
+    /// Sizes, skews, relative shapes (if not null) and validity of the cells first … last − 1.
     void judge(Index first, Index last, double* size, double* skew, double* relative, bool* inverted) const;
-    /// The same of cells with ascending numbers.
+    /// The same for cells with ascending numbers.
     void judge_chosen(Vector<const Index> numbers, double* size, double* skew, double* relative, bool* inverted) const;
-    /// near[s]: whether the metric of the cell first + s may be at most the limit; how many of at most `chunk` cells.
-    /// All may be where finding out costs as much as judging.
+    /// near[s]: whether the metric of the cell first + s may be at most the limit; returns the number of such cells, of
+    /// at most `chunk` cells. All are marked if the check costs as much as judging.
     Index mark_near(Index first, Index last, Metric metric, double limit, Index* near) const;
 
   private:
@@ -83,7 +83,7 @@ class Cells {
         void (*relate)(Matrix<const double>, Matrix<const double>, Matrix<const Node>, const double*, const double*,
                        double*);
     };
-    /// f(block, first, last) for the cells of each block among the cells first … last − 1.
+    /// Calls f(block, first, last) for the cells of each block among the cells first … last − 1.
     template <class F>
     void by_block(Index first, Index last, F&& f) const;
 
@@ -100,20 +100,20 @@ void cell_sizes(Matrix<const double> points, Matrix<const Node> nodes, Vector<do
 void cell_quality(Matrix<const double> points, Matrix<const Node> nodes, Vector<const double> reference,
                   Vector<double> size, Vector<double> skew, Vector<bool> inverted);
 
-/// The same of the chosen cells (s,) only, in that order.
+/// The same for the chosen cells (s,) only, in that order.
 void chosen_quality(Matrix<const double> points, Matrix<const Node> nodes, Vector<const double> reference,
                     Vector<const Index> chosen, Vector<double> size, Vector<double> skew, Vector<bool> inverted);
 
-/// Shape (m,) of each cell relative to that at rest, from its nodes (m, k), its skew now and at rest (m,): of simplices
-/// min(1, skew / skew at rest), of others the smallest d |det T|^(2/d) / |T|² of T = A A₀⁻¹ over the corners, with A₀
-/// the corner at rest. A corner that is flat at rest is not compared.
+/// Shape (m,) of each cell relative to that at rest, from its nodes (m, k), its skew now and at rest (m,): for
+/// simplices min(1, skew / skew at rest), for others the smallest d |det T|^(2/d) / |T|² of T = A A₀⁻¹ over the
+/// corners, with A₀ the corner at rest. A corner that is flat at rest is not compared.
 void relative_shapes(Matrix<const double> points, Matrix<const double> rest_points, Matrix<const Node> nodes,
                      Vector<const double> skew, Vector<const double> rest_skew, Vector<double> shapes);
 
-/// Quality (m,) of each cell's worst corner against itself at rest: d |det T|^(2/d) / |T|² as above, of simplices too,
-/// times √min(τ, 1/τ) of τ = det T and, of quads and hexahedra, times exp(−φ) of angle_law.h; 0 or less where it is
-/// inverted. exp(−f) is at least this for the distortion f of numerics/correction/smooth_motion.py. A corner that is
-/// flat at rest has none: 0.
+/// Quality (m,) of each cell's worst corner relative to its state at rest: d |det T|^(2/d) / |T|² as above, also for
+/// simplices, times √min(τ, 1/τ) of τ = det T and, for quads and hexahedra, times exp(−φ) of angle_law.h; 0 or less if
+/// it is inverted. exp(−f) is at least this for the distortion f of numerics/correction/smooth_motion.py. A corner that
+/// is flat at rest has the value 0.
 void corner_quality(Matrix<const double> points, Matrix<const double> rest_points, Matrix<const Node> nodes,
                     Vector<double> quality);
 
@@ -125,7 +125,7 @@ void transformed_quality(Matrix<const double> points, Matrix<const Node> nodes, 
 void column_quality(Matrix<const double> edges, Cube<const Index> columns, Vector<const double> reference,
                     Vector<double> size, Vector<double> skew, Vector<bool> inverted);
 
-/// Values (m,) of a metric; the relative one takes the relative shapes instead of the skews.
+/// Values (m,) of a metric; the relative metric takes the relative shapes instead of the skews.
 void metric_values(Vector<const double> size, Vector<const double> skew, Index metric, Vector<double> values);
 
 }  // namespace mesh_motion

@@ -1,4 +1,4 @@
-// Cell types as the loops see them: which nodes span which corner, what the ideal corner is.
+// Cell types in the loops: the nodes of each corner, and the ideal corner.
 //
 // One formula covers all types. With α_k = det A_k, λ_k = A_kᵀ A_k, d the dimension and n the number of corners
 //
@@ -77,7 +77,7 @@ struct Pyramid {
     static constexpr double gram[3][3] = {{1.5, 0.5, -1.0}, {0.5, 1.5, -1.0}, {-1.0, -1.0, 2.0}};
 };
 
-/// f(Type{}) for the type whose cells have so many nodes and dimensions; no two types have the same.
+/// Calls f(Type{}) for the type whose cells have this number of nodes and dimensions; no two types have the same.
 template <class F>
 decltype(auto) with_cell_type(Index dimension, Index nodes, F&& f) {
     switch (10 * dimension + nodes) {

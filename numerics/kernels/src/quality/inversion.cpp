@@ -13,11 +13,11 @@ constexpr Index cells_per_task = 4096;
 constexpr int halvings = 60;
 constexpr double never = std::numeric_limits<double>::infinity();
 
-using Cubic = std::array<double, 4>;  // from the constant term on
+using Cubic = std::array<double, 4>;  // coefficients, beginning with the constant term
 
 double at(const Cubic& p, double s) { return ((p[3] * s + p[2]) * s + p[1]) * s + p[0]; }
 
-/// A root in (low, high], where the polynomial changes its sign and has no extremum between.
+/// The root in (low, high], where the polynomial changes its sign and has no extremum in between.
 double root_between(const Cubic& p, double low, double high) {
     double s = 0.5 * (low + high);
     for (int i = 0; i < halvings && low < high; ++i) {
@@ -31,9 +31,9 @@ double root_between(const Cubic& p, double low, double high) {
     return s;
 }
 
-/// The least root in (0, horizon] of a polynomial that is positive at 0.
+/// The smallest root in (0, horizon] of a polynomial that is positive at 0.
 double first_root(const Cubic& p, double horizon) {
-    // no term can take it to 0: most cells of a small step
+    // the other terms are too small for a root: true for most cells of a small step
     double least = p[0], power = 1.0;
     for (int k = 1; k < 4; ++k) least += std::min(p[k], 0.0) * (power *= horizon);
     if (least > 0.0) return never;
@@ -67,7 +67,7 @@ double determinant(const std::array<std::array<double, d>, d>& a) {
                a[0][2] * (a[1][0] * a[2][1] - a[1][1] * a[2][0]);
 }
 
-/// det(E + s V), which is linear in each edge: of every choice of E's or V's edge one determinant.
+/// det(E + s V) is linear in each edge: a sum of determinants, one for each choice of E's or V's edges.
 template <int d>
 Cubic determinant_along(const std::array<std::array<double, d>, d>& now, const std::array<std::array<double, d>, d>& on) {
     Cubic p{};

@@ -1,4 +1,4 @@
-// How far nodes can go on along their step until a cell inverts.
+// How far nodes can continue their step before a cell inverts.
 #pragma once
 
 #include "view.h"
@@ -6,7 +6,7 @@
 namespace mesh_motion {
 
 /// steps[c] (m,): the least s in (0, horizon] at which a corner determinant of cell c is 0 with the nodes at
-/// points + s step (n, d), or ∞; 0 for a cell that is not valid at points.
+/// points + s step (n, d), or ∞ if there is none; 0 for a cell that is invalid at points.
 ///
 /// nodes (m, k) of cells of one type; corners (q, d + 1): local numbers of each corner's node and its neighbours. The
 /// determinant of edges E + s V is a polynomial of degree d in s, so its first root is found exactly.

@@ -15,22 +15,22 @@ namespace {
 
 constexpr double infinity = std::numeric_limits<double>::infinity();
 constexpr std::array<double, percentiles> parts{0.01, 0.05, 0.5};
-constexpr double deviations = 4.0;  // of a rank in a sample: beyond them it is one in 16 000
-constexpr Index few = 1 << 14;      // values that are all kept
-constexpr Index block = 1 << 15;    // values of one task, a multiple of the lanes
-constexpr Index piece = 128;        // values that are looked at together
+constexpr double deviations = 4.0;  // of a rank in a sample: larger deviations have a probability of one in 16 000
+constexpr Index few = 1 << 14;      // up to this number, all values are kept
+constexpr Index block = 1 << 15;    // values in one task, a multiple of the lanes
+constexpr Index piece = 128;        // values that are compared together
 
 using Register [[gnu::vector_size(register_lanes * sizeof(double))]] = double;
 using Counts [[gnu::vector_size(register_lanes * sizeof(Index))]] = Index;
 
-/// Bin of a value; not falling in the value, whatever is rounded. −∞ goes to the first.
+/// Bin of a value; never decreases with the value, in spite of rounding. −∞ goes to the first bin.
 inline Index bin_of(double value, double low, double scale, Index bins) {
     const double place = (value - low) * scale;
     if (!(place > 0.0)) return 0;
     return place >= static_cast<double>(bins) ? bins - 1 : static_cast<Index>(place);
 }
 
-/// A number that looks random (splitmix64), the same on every machine.
+/// A pseudo-random number (splitmix64), the same on every machine.
 std::uint64_t scrambled(std::uint64_t x) {
     x = (x + 0x9e3779b97f4a7c15u) * 0xbf58476d1ce4e5b9u;
     x = (x ^ x >> 27) * 0x94d049bb133111ebu;
@@ -45,13 +45,13 @@ std::array<Index, percentiles> percentile_ranks(Index m) {
 
 double select(std::vector<double>& values, Index rank) {
     constexpr Index bins = 1024;
-    std::erase_if(values, [](double value) { return value != value; });  // what is no number has no rank
+    std::erase_if(values, [](double value) { return value != value; });  // NaN has no rank
     if (rank >= static_cast<Index>(values.size())) return std::numeric_limits<double>::quiet_NaN();
-    while (static_cast<Index>(values.size()) > 4 * bins) {  // counts of equal bins are quicker than comparisons
+    while (static_cast<Index>(values.size()) > 4 * bins) {  // counting equal bins is faster than comparisons
         double low = infinity, high = -infinity;
         for (double value : values) low = value < low ? value : low, high = value > high ? value : high;
         const double scale = bins / (high - low);
-        if (!(scale < infinity && scale > 0.0)) break;  // equal values, or some that are not finite
+        if (!(scale < infinity && scale > 0.0)) break;  // all values are equal, or some are not finite
         std::array<Index, bins> counts{};
         for (double value : values) ++counts[bin_of(value, low, scale, bins)];
         Index wanted = 0;
@@ -85,7 +85,7 @@ Brackets brackets_of(std::vector<double>& sample) {
     const auto at = [&](double place, double beyond) {
         if (place < 0.0 || place >= static_cast<double>(n)) return beyond;
         const auto nth = sample.begin() + static_cast<Index>(place);
-        if (nth >= begin) std::nth_element(begin, nth, sample.end()), begin = nth;  // what is below stays below
+        if (nth >= begin) std::nth_element(begin, nth, sample.end()), begin = nth;  // smaller values stay below begin
         else std::nth_element(sample.begin(), nth, begin);
         return *nth;
     };
@@ -105,15 +105,16 @@ void Tally::add(const double* values, Index count, const Brackets* brackets) {
 }
 
 void Tally::add_piece(const double* values, Index count, const Brackets* brackets) {
-    // the compiler makes slow code of vectors wider than a register, and none of so many sums and choices by itself
+    // hand-written registers: the compiler makes slow code of wider vectors, and no vector code of so many sums and
+    // choices
     const Bracket none{-infinity, -infinity, false};
     const auto [a, b, c] = brackets ? *brackets : Brackets{none, none, none};
     const Index whole = count / lanes, rest = count % lanes, end = whole + (rest > 0);
-    alignas(64) double last[lanes] = {}, padded[lanes];  // what is left of the piece; no value is below an infinity
+    alignas(64) double last[lanes] = {}, padded[lanes];  // the rest of the piece; no value is below infinity
     std::copy_n(values + whole * lanes, rest, last);
     std::fill(std::copy_n(last, rest, padded), padded + lanes, infinity);
     Lanes sums;
-    std::array<std::uint64_t, lanes> inside;  // of each lane, whether its values are in a bracket, the last one at bit 0
+    std::array<std::uint64_t, lanes> inside;  // for each lane, whether its values are in a bracket; the last at bit 0
     for (Index lane = 0; lane < lanes; lane += register_lanes) {
         Register sum{}, low;
         Counts below_a{}, below_b{}, below_c{}, marks{};
@@ -125,11 +126,11 @@ void Tally::add_piece(const double* values, Index count, const Brackets* bracket
             sum += term;
             low = value < low ? value : low;
             const Counts less_a = value < a.low, less_b = value < b.low, less_c = value < c.low;
-            below_a -= less_a;  // where it holds a comparison is −1
+            below_a -= less_a;  // a true comparison is −1
             below_b -= less_b;
             below_c -= less_c;
             const Counts upto_a = value < a.high, upto_b = value < b.high, upto_c = value < c.high;
-            marks += marks - ((less_a ^ upto_a) | (less_b ^ upto_b) | (less_c ^ upto_c));  // low ≤ high
+            marks += marks - ((less_a ^ upto_a) | (less_b ^ upto_b) | (less_c ^ upto_c));  // valid because low ≤ high
         };
         for (Index v = 0; v < whole; ++v) note(values + v * lanes, values + v * lanes);
         if (rest) note(padded, last);
@@ -148,7 +149,7 @@ void Tally::add_piece(const double* values, Index count, const Brackets* bracket
     static_assert(piece == 16 * lanes);
     double found[piece];
     Index number = 0;
-    for (Index half = 0; brackets && half < lanes; half += lanes / 2) {  // two loops are better foreseen than eight
+    for (Index half = 0; brackets && half < lanes; half += lanes / 2) {  // two loops are predicted better than eight
         std::uint64_t left = 0;
         for (Index l = 0; l < lanes / 2; ++l) left |= inside[half + l] << 16 * l;
         for (; left; left &= left - 1) {

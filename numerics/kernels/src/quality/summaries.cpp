@@ -15,9 +15,9 @@ namespace mesh_motion {
 namespace {
 
 constexpr double infinity = std::numeric_limits<double>::infinity();
-constexpr Index looked_at_first = 1 << 13;  // cells whose lowest values are the limit of the others
+constexpr Index looked_at_first = 1 << 13;  // number of sampled cells whose lowest values give the limit for the others
 
-/// Values of cells that were judged together.
+/// The values of cells that were judged together.
 struct Judged {
     std::vector<double> size, skew, relative, values;
     std::unique_ptr<bool[]> inverted;
@@ -26,7 +26,7 @@ struct Judged {
         : size(count), skew(count), relative(ranked == Metric::relative_size_skew ? count : 0), values(count),
           inverted(new bool[count]) {}
 
-    /// Where the relative shapes of the cells from `first` on are written; null where they are not wanted.
+    /// The place for the relative shapes of the cells from `first` on; null if they are not needed.
     double* relative_from(Index first) { return relative.empty() ? nullptr : relative.data() + first; }
 
     /// Computes the values of a metric.
@@ -46,7 +46,7 @@ Judged judged(const Cells& cells, const std::vector<Index>& numbers, Metric rank
     return found;
 }
 
-/// A number that the `count` lowest of m values are not above; the order of the sample is lost.
+/// An upper limit for the `count` lowest of m values; the sample is reordered.
 double limit_of(std::vector<double>& sample, Index count, Index m) {
     if (count > static_cast<Index>(sample.size())) return infinity;
     return count < 1 || m < 1 ? -infinity : select(sample, count - 1);
@@ -59,14 +59,15 @@ Metric checked(Index metric, const Cells& cells) {
     return known;
 }
 
-/// Those of a report: size, skew, size-skew and, where it is none of these, the metric that ranks.
+/// The metrics of a report: size, skew, size-skew and, if it is another one, the metric that ranks.
 std::vector<Metric> reported(Metric ranked) {
     std::vector<Metric> metrics{Metric::size, Metric::skew, Metric::size_skew};
     if (ranked > Metric::size_skew) metrics.push_back(ranked);
     return metrics;
 }
 
-/// f(k, values) for the reported metrics of the cells first … first + n − 1, at most a chunk; how many are inverted.
+/// Calls f(k, values) for the reported metrics of the cells first … first + n − 1, at most a chunk; returns the number
+/// of inverted cells.
 template <class F>
 Index for_metrics(const Cells& cells, const std::vector<Metric>& metrics, Index first, Index n, F&& f) {
     alignas(64) double size[chunk], skew[chunk], relative[chunk], other[chunk];
@@ -80,9 +81,9 @@ Index for_metrics(const Cells& cells, const std::vector<Metric>& metrics, Index 
     return std::count(inverted, inverted + n, true);
 }
 
-/// Bins of [−1, 1], and equal parts of each: the bins of count_in_bins, for vectors of any width.
+/// Bins of [−1, 1], each divided into equal parts: the bins of count_in_bins, for vectors of any width.
 struct Bins {
-    /// Values are counted in one of these in turn: equal ones, which are many, do not wait for each other.
+    /// Counts go to these sets in turn: counts of equal values, which are frequent, then need not wait for each other.
     static constexpr Index sets = 4;
     Index bins;
     std::vector<std::uint32_t> counts = std::vector<std::uint32_t>(sets * bins);
@@ -90,7 +91,7 @@ struct Bins {
 
     explicit Bins(Index bins) : bins(bins) { most.fill(-infinity); }
 
-    /// The next n values, at most a chunk; their places.
+    /// Adds the next n values, at most a chunk, and writes their places.
     void add(const double* __restrict values, Index n, std::uint32_t* __restrict places) {
         const double count = static_cast<double>(bins), last = count - 1.0;
         const double scale = 0.5 * count, width = 1.0 / scale, finer = scale * count;
@@ -111,7 +112,7 @@ struct Bins {
     }
 };
 
-/// Refuses a number of bins whose parts do not have exact limits, or are too many to be numbered.
+/// Refuses a number of bins if the parts of the bins have no exact limits, or are too many to be numbered.
 void check_bins(Index bins) {
     require(0 < bins && bins < 1 << 15 && (bins & (bins - 1)) == 0, "bins: expected a power of 2 below 32768");
 }
@@ -170,7 +171,7 @@ std::tuple<Owned<double, 2>, Owned<Index, 1>, Index> judged_cells(Matrix<const d
     const auto metrics = reported(ranked);
     const Index kinds = static_cast<Index>(metrics.size()), place = std::min<Index>(metric, 3);
 
-    // what a sample says of all
+    // the limits that a sample gives for all values
     const auto numbers = sample_of(m, sample_size(m));
     Judged sample = judged(cells, numbers, ranked);
     std::vector<Brackets> brackets(numbers.empty() ? 0 : kinds);
@@ -185,7 +186,7 @@ std::tuple<Owned<double, 2>, Owned<Index, 1>, Index> judged_cells(Matrix<const d
         if (k == place) limit = limit_of(values[k], count, m);
     });
 
-    // one pass over all cells; kept (kinds, m) takes the values where they are asked for
+    // one pass over all cells; kept (kinds, m) gets the values, if requested
     constexpr Index task_size = 4 * judged_at_once;
     const Index tasks = (m + task_size - 1) / task_size;
     std::vector<std::vector<Tally>> tallies(kinds, std::vector<Tally>(tasks));
@@ -364,7 +365,7 @@ Owned<double, 1> values_at(Matrix<const double> points, const Blocks& blocks, Ve
         if (sorted.size() <= 16) {
             for (std::uint32_t place : sorted)
                 for (Index s = 0; s < n; ++s) any |= at[s] == place;
-        } else {  // parts of one bin: most places are lower than all of them, or higher
+        } else {  // all wanted parts are in one bin: most places are below or above all of them
             for (Index s = 0; s < n; ++s) any |= at[s] - low <= span;
         }
         for (Index s = 0; any && s < n; ++s)

@@ -1,7 +1,7 @@
-// Judging a whole mesh in one pass that stores nothing of its size: its worst cells, or the distributions too.
+// Judging a whole mesh in one pass that stores no array of its size: its worst cells, or also the distributions.
 //
-// Blocks of cells are numbered through; `metric` is a number of numerics/quality/metrics.py, `rest` is needed
-// where it is the relative one.
+// Cells of all blocks have consecutive numbers; `metric` is a number of numerics/quality/metrics.py, `rest` is needed
+// for the relative metric only.
 #pragma once
 
 #include "quality/cell_quality.h"
@@ -10,17 +10,17 @@ namespace mesh_motion {
 
 using Blocks = std::vector<Matrix<const Node>>;
 
-/// The `count` lowest values of a metric, ascending, their cells, of equal values the lower ones, and how many cells
-/// are inverted.
+/// The `count` lowest values of a metric, ascending, their cells (of equal values the lower numbers), and the number of
+/// inverted cells.
 ///
-/// A sample gives a limit that the lowest are not above. For tetrahedra a comparison of sixth powers finds cells that
-/// are certainly above it, and only the others are judged: this takes about half of the time of judging all.
+/// A sample gives an upper limit of the lowest values. For tetrahedra a comparison of sixth powers finds cells that are
+/// certainly above the limit, and only the others are judged: this takes about half the time of judging all.
 std::tuple<Owned<double, 1>, Owned<Index, 1>, Index> lowest_cells(Matrix<const double> points, const Blocks& blocks,
                                                                   Vector<const double> reference,
                                                                   AtRest rest, Index metric, Index count);
 
-/// Minimum, mean and percentiles (metrics, 5) of size, skew, size-skew and, where it is none of these, the metric; the
-/// `count` lowest cells of the metric, and how many cells are inverted.
+/// Minimum, mean and percentiles (metrics, 5) of size, skew, size-skew and, if it is another one, the metric; the
+/// `count` lowest cells of the metric, and the number of inverted cells.
 std::tuple<Owned<double, 2>, Owned<Index, 1>, Index> judged_cells(Matrix<const double> points, const Blocks& blocks,
                                                                   Vector<const double> reference,
                                                                   AtRest rest, Index metric, Index count);
@@ -37,11 +37,11 @@ std::tuple<Owned<double, 2>, Owned<Index, 2>, Owned<Index, 1>, Index> counted_ce
     Matrix<const double> points, const Blocks& blocks, Vector<const double> reference, AtRest rest,
     Index metric, Index count, Index bins, Matrix<std::uint32_t> places);
 
-/// How many of such places (m,) are in each part (w, bins) of the `wanted` (w,) of the bins.
+/// The number of these places (m,) in each part (w, bins) of the `wanted` (w,) bins.
 Owned<Index, 2> counts_in_parts(Vector<const std::uint32_t> places, Vector<const std::uint32_t> wanted, Index bins);
 
-/// The values of a metric, in the order of the cells, that are at the `wanted` (w,) places: `places` (m,) are of cells
-/// that were counted at these points.
+/// The values of a metric at the `wanted` (w,) places, in the order of the cells: `places` (m,) are from the counting
+/// of these cells at these points.
 Owned<double, 1> values_at(Matrix<const double> points, const Blocks& blocks, Vector<const double> reference,
                            AtRest rest, Index metric, Vector<const std::uint32_t> places,
                            Vector<const std::uint32_t> wanted);

@@ -3,7 +3,7 @@
 namespace mesh_motion {
 namespace {
 
-/// The positive places of each order, to the last bit: cosines differ between machines.
+/// The positive places of each order, exact to the last bit: computed cosines differ between machines.
 constexpr double half_of[most_order + 1][most_order / 2] = {
     {},
     {},

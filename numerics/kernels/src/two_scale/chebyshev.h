@@ -1,4 +1,4 @@
-// Polynomials by their values at Chebyshev points, taken to other points along an axis at a time.
+// Polynomials given by their values at Chebyshev points, evaluated at other points along one axis at a time.
 //
 // Values are (p^d, k), x slowest, components fastest.
 #pragma once
@@ -7,26 +7,26 @@
 
 namespace mesh_motion {
 
-/// Highest order: points an axis of a polynomial.
+/// Highest order: number of points of a polynomial along an axis.
 inline constexpr int most_order = 10;
 
 /// Point i of `order` Chebyshev points of the first kind, cos((2i + 1)π / (2 order)).
 double chebyshev_place(int order, int i);
 
-/// The Lagrange functions of the Chebyshev points at u in [−1, 1]; those from `order` on are left out.
+/// The Lagrange functions of the Chebyshev points at u in [−1, 1]; entries from `order` on are not set.
 void lagrange_functions(double u, int order, std::array<double, most_order>& out);
 
 /// Interpolation along an axis: [i][x] is Lagrange function i at place x.
 using Resampling = std::array<std::array<double, 16>, most_order>;
 
-/// Numbers that add_resampled needs for polynomials of p points an axis, taken to q places.
+/// Number of doubles that add_resampled needs for polynomials of p points along an axis, evaluated at q places.
 template <int D>
 constexpr Index resampling_room(Index q, Index k) {
     return D == 1 ? 0 : D == 2 ? q * k : (q * q + q) * k;
 }
 
-/// Adds the polynomial with values (p^D, k) at places q[0] × … to out, by each axis' matrix: the trailing axes of each
-/// slab first, so that the longest sums, along x, are over contiguous rows.
+/// Evaluates the polynomial with values (p^D, k) at places q[0] × …, with a matrix for each axis, and adds it to out.
+/// The trailing axes of each slab come first, so that the longest sums, along x, are over contiguous rows.
 template <int D>
 void add_resampled(const double* values, int p, const Resampling* const* matrices, const int* q, Index k,
                    double* __restrict out, double* __restrict room) {

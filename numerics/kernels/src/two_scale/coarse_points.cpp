@@ -8,9 +8,9 @@
 namespace mesh_motion {
 namespace {
 
-constexpr Index block = 1 << 15;  // points of one task
+constexpr Index block = 1 << 15;  // points in one task
 
-/// What the nearest chosen point leaves of a point's share; −1 of one that may not be chosen any more.
+/// A point's weight × squared distance to the nearest chosen point; −1 if it may not be chosen any more.
 double share(double nearest, double weight, double least) {
     return (nearest >= least) & (nearest > 0.0) ? nearest * weight : -1.0;
 }

@@ -8,16 +8,17 @@
 namespace mesh_motion {
 namespace {
 
-/// Chebyshev points along an axis of a block for its furthest and nearest far centres, and grid points at most.
+/// Chebyshev points along an axis of a block for its farthest and nearest far centres, and the largest number of grid
+/// points.
 constexpr int least_order = 4, last_order = 8, side = 13;
 
-/// A block's extent along an axis.
+/// Extent of a block along an axis.
 struct Part {
     Index first;
     int size;
     double middle, half;
 
-    /// Part i of about equal ones, as few as may be, of n points.
+    /// Part i when n points are divided into as few parts as possible, of about equal size.
     Part(Index i, Index n, double low, double spacing) {
         const Index parts = count(n);
         first = n * i / parts;
@@ -27,11 +28,11 @@ struct Part {
     }
     static Index count(Index n) { return (n + side - 1) / side; }
 
-    /// Lagrange functions of an order at its grid points.
+    /// Lagrange functions of an order at a block's grid points.
     void resample(int order, Resampling& matrix) const {
         for (int x = 0; x < size; ++x) set(order, size > 1 ? 2.0 * x / (size - 1) - 1.0 : 0.0, x, matrix);
     }
-    /// Those of an order at the Chebyshev points of the next.
+    /// Lagrange functions of an order at the Chebyshev points of the next.
     static void raise(int order, Resampling& matrix) {
         for (int x = 0; x <= order; ++x) set(order, chebyshev_place(order + 1, x), x, matrix);
     }
@@ -48,7 +49,8 @@ using Block = std::array<Part, 3>;
 
 constexpr int beyond_reach = -1;
 
-/// The order of interpolation that each centre asks for; 0 for those that are near, or whose support ends in the block.
+/// The order of interpolation that each centre needs; 0 for near centres, and if the support of a centre ends in the
+/// block.
 std::vector<int> orders_of(Matrix<const double> centres, const Block& block, double reach,
                            Vector<const double> distances) {
     const double half = std::max({block[0].half, block[1].half, block[2].half});
@@ -62,7 +64,7 @@ std::vector<int> orders_of(Matrix<const double> centres, const Block& block, dou
             nearest += least * least;
             furthest += most * most;
         }
-        const double away = half + std::sqrt(square);  // opposite a face the distance from the middle, of a corner more
+        const double away = half + std::sqrt(square);  // more than the distance for a centre opposite a corner
         if (nearest >= reach * reach) orders[j] = beyond_reach;
         else if (furthest <= reach * reach)
             for (int order = last_order; order >= least_order; --order)
@@ -71,13 +73,13 @@ std::vector<int> orders_of(Matrix<const double> centres, const Block& block, dou
     return orders;
 }
 
-/// Coordinates along three axes, of the places of a block.
+/// Coordinates along three axes of the places of a block.
 using Along = std::array<std::vector<double>, 3>;
 
-/// Centres side by side for sums at all places of a block; coordinates in support radii.
+/// Centres side by side, for sums at all places of a block; coordinates in support radii.
 class Members {
   public:
-    /// Those of centres (3, nc) with the weights (k, nc) whose order is the wanted one.
+    /// Takes the centres (3, nc) with weights (k, nc) whose order is the wanted one.
     Members(Matrix<const double> centres, Matrix<const double> weights, double inverse_radius,
             const std::vector<int>& orders, int wanted)
         : inverse_radius_(inverse_radius) {
@@ -91,8 +93,8 @@ class Members {
 
     Index size() const { return static_cast<Index>(at_[0].size()); }
 
-    /// values (places, k) = Σ_j w_j φ(|x − x_j|/R), K components at a time. Places fill the vectors, eight that differ in
-    /// y and z; the squared distances along these axes serve for every x, and each sum has the order of the centres.
+    /// values (places, k) = Σ_j w_j φ(|x − x_j|/R), K components at a time. A vector has eight places that differ in y
+    /// and z; the squared distances along these axes are used for every x. Each sum is in the order of the centres.
     template <class Basis, Index K>
     void sum(const Along& along, Index k, double* values) const {
         const Index n = size(), ny = along[1].size(), nz = along[2].size();
@@ -116,8 +118,8 @@ class Members {
         }
     }
 
-    /// back (k, nc) += Σ_places values (places, k) φ(|x − x_j|/R) of these centres: the transpose of sum. Centres fill
-    /// the vectors here.
+    /// back (k, nc) += Σ_places values (places, k) φ(|x − x_j|/R) of these centres: the transpose of sum. Here a vector
+    /// has eight centres.
     template <class Basis, Index K>
     void add_transposed(const Along& along, Index k, const double* values, double* back, Index nc) const {
         const Index n = size(), nz = along[2].size(), plane = along[1].size() * nz;
@@ -182,7 +184,7 @@ class Members {
     std::vector<double> weights_;
 };
 
-/// Places of an order's Chebyshev points in a block; of the block's own grid points for order 0.
+/// Places of an order's Chebyshev points in a block; for order 0 the block's own grid points.
 Along places_of(const Block& block, int order, Vector<const double> low, double spacing) {
     Along along;
     for (int axis = 0; axis < 3; ++axis) {
@@ -292,7 +294,7 @@ void sum_block_back(Matrix<const double> centres, Index k, double inverse_radius
     }
 }
 
-/// f(block b, its number) for all blocks of a grid of n points.
+/// Calls f(block b, its number) for all blocks of a grid of n points.
 template <class F>
 void for_grid_blocks(const std::array<Index, 3>& n, Vector<const double> low, double spacing, F&& f) {
     const std::array<Index, 3> parts{Part::count(n[0]), Part::count(n[1]), Part::count(n[2])};
@@ -331,7 +333,7 @@ void sum_from_grid(int code, Matrix<const double> centres, Cube<const double> va
     require(values.shape(2) % k == 0, "values: expected (nx, ny, nz k)");
     const std::array<Index, 3> n{values.shape(0), values.shape(1), values.shape(2) / k};
     const Index blocks = Part::count(n[0]) * Part::count(n[1]) * Part::count(n[2]), size = k * nc;
-    std::vector<double> parts(blocks * size);  // added in their order: the same for any number of threads
+    std::vector<double> parts(blocks * size);  // added in order: the same result for any number of threads
     with_basis(code, [&](auto basis) {
         for_grid_blocks(n, low, spacing, [&](const Block& block, Index b) {
             sum_block_back<decltype(basis)>(centres, k, inverse_radius, reach, block, low, spacing, distances, values,

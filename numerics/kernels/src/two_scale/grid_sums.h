@@ -7,9 +7,9 @@ namespace mesh_motion {
 
 /// out (nx, ny, nz k): Σ_j w_j φ(|x − x_j|/R) at the points low + spacing (i, j, m), x slowest.
 ///
-/// centres (3, nc), weights (k, nc), low (3). Seen from a block of the grid, a centre more than distances[p] (9) half
-/// widths from its middle goes through a polynomial of p = 4 … 8 points an axis, the least p for which that holds. φ
-/// vanishes beyond `reach` from a centre, which may be infinite: no polynomial crosses that.
+/// centres (3, nc), weights (k, nc), low (3). A centre that is more than distances[p] (9) half widths from the middle
+/// of a block of the grid is summed through a polynomial of p = 4 … 8 points an axis, with the smallest such p. φ
+/// vanishes beyond `reach` (which may be infinite) from a centre: no polynomial crosses that distance.
 void sum_on_grid(int code, Matrix<const double> centres, Matrix<const double> weights, double inverse_radius,
                  double reach, Vector<const double> low, double spacing, Vector<const double> distances,
                  Cube<double> out);

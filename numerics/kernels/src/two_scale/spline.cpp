@@ -9,11 +9,11 @@
 namespace mesh_motion {
 namespace {
 
-constexpr Index block = 2048;       // points of one task
-constexpr Index numbers = 1 << 16;  // of one task of quasi-interpolation
+constexpr Index block = 2048;       // points in one task
+constexpr Index numbers = 1 << 16;  // rows in one task of quasi-interpolation
 constexpr double sixth = 1.0 / 6.0;
 
-/// For the four splines of an axis that do not vanish in a cell.
+/// Values for the four splines of an axis that are not zero in a cell.
 using Four = std::array<double, 4>;
 
 /// The four splines at t in [0, 1].
@@ -28,11 +28,11 @@ Four slopes(double t) {
     return {-0.5 * u * u, (-2.0 + 1.5 * t) * t, (2.0 - 1.5 * u) * u, 0.5 * t * t};
 }
 
-/// One box of A axes, the last of which has cells.
+/// One box with A axes, of which the last has cells.
 template <int A>
 struct Box {
     std::array<double, A> origin, end, cells;
-    std::array<Index, A> stride;  // rows of coefficients from one layer to the next; 0 along an axis without cells
+    std::array<Index, A> stride;  // rows of coefficients between adjacent layers; 0 along an axis without cells
     double inverse;
     Index start;
 };
@@ -74,8 +74,8 @@ const Box<A>& box_of(const std::array<double, A>& x, const std::vector<Box<A>>& 
     return *box;
 }
 
-/// The cell along an axis that a place is in, in spacings from the lower corner, and where in it; rims hold what is
-/// beyond them, and not a number stays that, in cell 0.
+/// The cell of a place along an axis, and the position in it, in spacings from the lower corner. Places beyond the rims
+/// are moved to the rims; NaN stays NaN, in cell 0.
 struct Placed {
     double cell, within;
 
@@ -86,8 +86,8 @@ struct Placed {
     }
 };
 
-/// Around a point in a box: its first coefficient, how far layers are apart, and their weights; those of the slope
-/// along each axis if asked for.
+/// The stencil of a point in a box: its first coefficient, the distances between layers, and the weights; on request
+/// also those of the slope along each axis.
 template <int A, bool sloped>
 struct Stencil {
     const double* first;
@@ -115,13 +115,14 @@ struct Stencil {
 using Eight [[gnu::vector_size(8 * sizeof(double))]] = double;
 
 /// sums[f] = Σ of the W numbers at each point of a stencil, for F sets of weights. Numbers of a line along the last
-/// axis are adjacent: they fill the vectors, whatever W is. Points of a line are `step` numbers apart.
+/// axis are adjacent: they fill the vectors, for each W. Points of a line are `step` numbers apart.
 template <int A, int W, int F, class Step>
 [[gnu::always_inline]] inline void sum_stencil(const double* __restrict first, Step step,
                                                const std::array<Index, A>& stride,
                                                const std::array<const Four*, A> (&weights)[F], double (&sums)[F][W]) {
     constexpr int leading = A == 3 ? 16 : A == 2 ? 4 : 1;
-    // a line's 4 W numbers in the widest registers; even and odd lines apart: one sum would wait for each product
+    // a line's 4 W numbers are in the widest registers; separate sums of even and odd lines: a single one would wait
+    // for each product
     constexpr int wide = W / 2, narrow = W % 2;
     std::array<Eight, wide> eights[F][2] = {};
     std::array<Quad, narrow> quads[F][2] = {};
@@ -196,7 +197,7 @@ template <int A, int W, class Step>
     }
 }
 
-/// Points in the order of the slabs of cells in which they lie, each with its box: slabs of a box that are next but one
+/// Points in the order of the slabs of cells that contain them, each with its box. Slabs of a box that are not adjacent
 /// share no coefficient.
 class Slabs {
   public:
@@ -222,7 +223,8 @@ class Slabs {
         for (Index i = 0; i < n; ++i) order_[next[slab[i]]++] = static_cast<Node>(i);
     }
 
-    /// f(box, point) for every point; those of slabs that share coefficients one after the other, in their order.
+    /// Calls f(box, point) for every point; for points of slabs that share coefficients one after the other, in their
+    /// order.
     template <class F>
     void for_points(F&& f) const {
         for (const Index parity : {0, 1}) {
@@ -237,13 +239,13 @@ class Slabs {
     }
 
   private:
-    static constexpr Index thick = 4;  // cells; a point's stencil has four layers, so that three would do
+    static constexpr Index thick = 4;  // cells; a stencil has four layers, so three would be enough
     std::vector<Index> first_, starts_;  // the first slab of each box, the first point of each slab
     std::vector<Node> order_;
 };
 
-/// f(A, W) with both as constants: the axes up to the last with cells, and the components if they are 2 or 3; or else
-/// W = 1, one component after the other.
+/// Calls f(A, W) with both as constants: the axes up to the last with cells, and the number of components if it is 2 or
+/// 3; otherwise W = 1, for one component after the other.
 template <class F>
 void with_shape(Matrix<const Index> cells, Index k, F&& f) {
     require(cells.shape(0) > 0 && cells.shape(1) == 3, "cells: expected (b, 3) of at least one box");
@@ -256,7 +258,7 @@ void with_shape(Matrix<const Index> cells, Index k, F&& f) {
     });
 }
 
-/// sums(i, c, stencil, step) for every point i and, W by W, its components from c on.
+/// Calls sums(i, c, stencil, step) for every point i and its components from c on, W at a time.
 template <int A, int W, bool sloped, class Sums>
 void for_stencils(Matrix<const double> points, const std::vector<Box<A>>& boxes, Matrix<const double> coefficients,
                   Sums&& sums) {
@@ -274,7 +276,7 @@ void for_stencils(Matrix<const double> points, const std::vector<Box<A>>& boxes,
     });
 }
 
-/// The parent's layers that a layer consists of: a spline of twice the spacing is one of this spacing, too.
+/// The parent's layers that form a layer: a spline of twice the spacing is also one of this spacing.
 struct Subdivided {
     Index first;
     int count;
@@ -286,7 +288,7 @@ struct Subdivided {
         if (count == 2) weight[0] = weight[1] = 0.5;
     }
 
-    /// out (length) of the layers in `from`, which are `stride` numbers apart.
+    /// out (length): the sum of the layers in `from`, which are `stride` numbers apart.
     void sum(const double* __restrict from, Index stride, Index length, double* __restrict out) const {
         if (count == 3)
             for (Index m = 0; m < length; ++m)

@@ -1,7 +1,8 @@
 // A uniform cubic B-spline on boxes, and its gradient.
 //
-// Boxes lie finest first; a point belongs to the first that holds it, or if none does to the last, at whose rim it is
-// then taken. Coefficients stand on the grid points −1 … cells + 1 along each axis; one without cells has one layer.
+// The finest box comes first. A point belongs to the first box that contains it; if no box does, to the last box, where
+// it is moved to the rim. Coefficients belong to the grid points −1 … cells + 1 along each axis; an axis without cells
+// has one layer.
 #pragma once
 
 #include "view.h"
@@ -21,19 +22,21 @@ void spline_gradients(Matrix<const double> points, Matrix<const double> origin, 
                       Matrix<const Index> cells, Vector<const Index> start, Matrix<const double> coefficients,
                       Cube<double> out);
 
-/// The transpose of spline_values: adds to out (c, k) what values (n, k) at the points count.
+/// The transpose of spline_values: adds to out (c, k) the contributions of values (n, k) at the points.
 void add_spline_coefficients(Matrix<const double> points, Matrix<const double> origin, Vector<const double> inverse,
                              Matrix<const Index> cells, Vector<const Index> start, Matrix<const double> values,
                              Matrix<double> out);
 
-/// The coefficients (8 f − f₋ − f₊) / 6 along an axis, which loses its first and last entry: out (r, m − 2 stride) of
+/// The coefficients (8 f − f₋ − f₊) / 6 along an axis, which loses its first and last entry: out (r, m − 2 stride) from
 /// values (r, m), whose neighbours are `stride` apart.
 void quasi_interpolate(Matrix<const double> values, Index stride, Matrix<double> out);
 
-/// Passes the coefficients of a box, own (n0, n1, n2 k), into those of its parent (p0, p1, p2 k), of twice the spacing.
+/// Blends the coefficients of a box, own (n0, n1, n2 k), with those of its parent (p0, p1, p2 k), which has twice the
+/// spacing.
 ///
-/// first (3): the parent's layer that is next below the box' first one along each axis. share0 (n0), share1 (n1),
-/// share2 (n2): along the axes, whose product is the share of a box' own coefficients. An axis of one layer has no cells.
+/// first (3): the parent's layer just below the box's first layer, along each axis. share0 (n0), share1 (n1), share2
+/// (n2): factors along the axes, whose product is the share of each of the box's coefficients. An axis of one layer has
+/// no cells.
 void blend_with_parent(Cube<const double> parent, Vector<const Index> first, Vector<const double> share0,
                        Vector<const double> share1, Vector<const double> share2, Cube<double> own);
 

@@ -26,13 +26,13 @@ __all__ = ["optimised_enrichment", "optimised_placement"]
 
 
 WHOLE_CELLS = 100_000
-"""Meshes up to this size are optimised as a whole: with 90 000 cells in half the time that the working sets take."""
+"""Meshes up to this size are optimised as a whole: with 90 000 cells in half the time of the working sets."""
 
 WORKING_CELLS = 20_000
-"""Of larger ones, this many cells at first."""
+"""Number of cells of the first working set of a larger mesh."""
 
 RADIUS_CYCLE = (1.0, 2.0)
-"""Radii of consecutive points, relative to R_l: wider than for one point at a time, since all of them act together."""
+"""Radii of consecutive points, relative to R_l: wider than for one point at a time, because all points act together."""
 
 _ROUNDS = 4
 _DEPENDENT = 3e-6  # singular values below this share of the largest; ten times as much costs up to 6 % of the quality
@@ -148,7 +148,7 @@ def _optimise(
     chosen: Marks,
     target: float,
 ) -> tuple[Floats, Polished]:
-    """Optimise over the chosen (m) cells from ``points`` (n, d); all nodes follow."""
+    """Optimise over the chosen (m) cells from ``points`` (n, d); the positions of all nodes follow."""
     marked = nodes_of_cells(mesh.cells, chosen, len(points)) & ~mesh.held
     region = free_region(mesh.reference, mesh.cells, mesh.reference_sizes, marked, chosen=chosen)
     psi = space.values(start[region.free])

@@ -1,12 +1,13 @@
-"""The thesis' Algorithm 1: which change of the displacement gradient improves a bad cell.
+"""The thesis' Algorithm 1: the change of the displacement gradient that improves a bad cell.
 
 The scaling factors of a cell are the eigenvalues of ``B = I + J``. A factor ≤ 0 becomes +0.1; if there is none, the
-smaller factor gains 0.1. The directions V stay: ``B_new = V Λ_new V⁻¹``, ``dJ = B_new - B`` (thesis (5.13), (5.14)).
+smaller factor gains 0.1. The directions V are kept: ``B_new = V Λ_new V⁻¹``, ``dJ = B_new - B`` (thesis (5.13),
+(5.14)).
 
 The printed algorithm sets ``λ ← −0.1`` in a loop that would not end; its text and comment say +0.1. Two cases that it
 does not define are handled here. A complex pair is a rotation: the pair gains 0.1 together, 0.05 along each of its two
 directions, which is the real part of V Λ_new V⁻¹. (Nearly) equal eigenvalues with parallel directions, a pure shear,
-would need an unbounded change; they are treated as a complex pair, of which they are the limit.
+would need an unbounded change; they are treated as a complex pair, because they are the limit of such pairs.
 """
 
 import numpy as np
@@ -18,9 +19,9 @@ __all__ = ["INCREMENT", "eigen_correction"]
 
 
 INCREMENT = 0.1
-"""The thesis' constant, both as the new value of a factor ≤ 0 and as the gain of the smaller one."""
+"""The thesis' constant: the new value of a factor ≤ 0, and also the gain of the smaller factor."""
 
-# From this condition number of V on, directions count as parallel: the change is 10 times that of a symmetric B.
+# From this condition number of V on, directions are taken as parallel: the change is 10 times that of a symmetric B.
 _PARALLEL = 100.0
 
 

@@ -4,13 +4,13 @@ Each iteration takes the worst predicted cell, computes by Algorithm 1 (:mod:`.e
 displacement gradient that improves this cell, and adds an enrichment point at its centre with the coefficients
 ``relaxation × dJ / c`` (5.17; at its point ∇H is c times the identity, c = 1 for H1). By (5.15), (5.16) the boundary
 condition still holds: the RBF weights compensate the enrichment at the boundary nodes (:mod:`.space`). Earlier points
-stay; the boundary's matrix is factorized once. The best predicted iterate is the result, since improving one place may
-worsen another.
+are kept; the boundary's matrix is factorized once. The best predicted iterate is the result, because an improvement in
+one place may worsen another.
 
 The thesis predicts with the gradients at the cell centres. That prediction reaches a threshold before the mesh does
-(rotation case of Table 5.6 after 15 iterations: predicted 0.28, actual 0.12), so trial nodes predict here, which is
-exact, needs a few more iterations and reaches a better quality. A subclass of :class:`Trial` may predict in another
-way: the thesis' studies do.
+(rotation case of Table 5.6 after 15 iterations: predicted 0.28, actual 0.12), so here the prediction uses trial nodes.
+It is exact, needs a few more iterations and reaches a better quality. A subclass of :class:`Trial` may predict in
+another way, as the thesis' studies do.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ class ExplicitSettings:
 
 @dataclass(frozen=True)
 class Iterate:
-    """One iterate: predicted minimum of the metric, that of the displaced mesh, and the next worst cell."""
+    """One iterate: the predicted minimum of the metric, the minimum of the displaced mesh, and the next worst cell."""
 
     predicted: float
     actual: float
@@ -82,7 +82,7 @@ class ExplicitResult:
     Attributes
     ----------
     points : (n, d) array
-        Positions, mesh length unit; held nodes exactly where the standard motion put them.
+        Positions, mesh length unit; held nodes exactly in the positions of the standard motion.
     enrichment_points : (K, d) array, mesh length unit
     coefficients : (K, d, d) array
         ``[:, m, i]``: α, β of (5.15), the factor of H_m in component i of the displacement.
@@ -91,7 +91,7 @@ class ExplicitResult:
     reached : bool
         Whether its prediction is at or above the threshold.
     history : tuple of Iterate
-        From the standard motion on.
+        All iterates, beginning with the standard motion.
     """
 
     points: Floats
@@ -104,7 +104,7 @@ class ExplicitResult:
 
 @dataclass(eq=False)
 class Trial:
-    """The motion with the points added so far (centres and coefficients); no node of the mesh has moved yet."""
+    """The motion with the points added so far (their centres and coefficients); no node of the mesh has moved yet."""
 
     problem: CorrectionProblem
     settings: ExplicitSettings
@@ -146,7 +146,7 @@ def explicit_iterations(
     Parameters
     ----------
     trial : Trial, optional
-        Predicts in its own way; without points yet.
+        An object with another prediction; it has no points yet.
     """
     trial = trial or Trial(problem, settings, problem.standard)
     history, best, best_positions = [trial.judged()], 0, trial.positions
@@ -155,7 +155,7 @@ def explicit_iterations(
         centre = problem.cells.centres(problem.start, np.array([cell]))[0]
         gradient = trial.gradient(cell, centre)
         if not np.isfinite(gradient).all():
-            break  # the motion itself is not finite; no local change repairs that
+            break  # the motion itself is not finite; no local change can repair it
         trial.add(centre, settings.relaxation * settings.correct_cell(gradient))
         history.append(trial.judged())
         if history[-1].predicted > history[best].predicted:

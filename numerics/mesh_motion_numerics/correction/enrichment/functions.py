@@ -1,12 +1,12 @@
-"""The enrichment functions H1, H2, H3 about an enrichment point, thesis (4.5)–(4.8), (5.1)–(5.3), (6.1).
+"""The enrichment functions H1, H2, H3 around an enrichment point, thesis (4.5)–(4.8), (5.1)–(5.3), (6.1).
 
 With φ Wendland's C2 function of r/R_l and ρ = x − x_c, component m of each is
 
-- ``H1_m = ρ_m φ``, the thesis' choice: linear near its point, gone at R_l;
+- ``H1_m = ρ_m φ``, the thesis' choice: linear near its point, 0 from R_l on;
 - ``H2_m = ∂φ/∂x_m = −20 ρ_m (R_l − r)³ / R_l⁵``;
 - ``H3_m = ∂φ/∂x_m φ``.
 
-All vanish at their point and beyond R_l. (4.7) as printed has ρ² for ρ and R_l − r³ for (R_l − r)³; the figures and
+All are 0 at their point and beyond R_l. (4.7) as printed has ρ² for ρ and R_l − r³ for (R_l − r)³; the figures and
 Table 4.1 of the thesis use the forms given here.
 """
 
@@ -81,7 +81,7 @@ def gradients(kind: str, points: Floats, centre: Floats, radius: float) -> Float
 
 
 def slope_at_point(kind: str, radius: float) -> float:
-    """c of thesis (5.17): at its point ∇H is c times the identity; 1 for H1, −20/R_l² for H2 and H3."""
+    """c of thesis (5.17): at the enrichment point ∇H is c times the identity; 1 for H1, −20/R_l² for H2 and H3."""
     _, f, _ = _radial(kind, np.zeros((1, 1)), np.zeros(1), radius)
     return float(f[0])
 

@@ -38,7 +38,7 @@ __all__ = [
 
 @dataclass(frozen=True)
 class ImposedGradient:
-    """Settings of the correction.
+    """Settings of the imposed-gradient correction.
 
     Attributes
     ----------

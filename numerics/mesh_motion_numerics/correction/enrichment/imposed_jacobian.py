@@ -40,9 +40,9 @@ __all__ = ["ImposedJacobians", "ImposedSettings", "cell_gradients", "impose", "i
 
 
 #: Penalty on the coefficients, relative to the slope of a function at its point. Values from 0.01 to 0.1 work about
-#: equally well; without it neighbouring points oppose each other until cells invert.
+#: equally well; without a penalty neighbouring points oppose each other until cells invert.
 PENALTY = 0.05
-#: Least distance between two points, as a share of R_l.
+#: Smallest distance between two points, as a share of R_l.
 SPACING = 0.1
 
 
@@ -98,7 +98,7 @@ def impose(function_gradients: Floats, change: Floats, *, penalty: float = 0.0) 
     change : (K, d, d) array
         ``[c, i, j]``: J_S − ∇S at point c, ``∂S_i/∂x_j``; the thesis' J_S (5.5) is its transpose.
     penalty : float
-        Weight of the coefficients relative to the conditions, which are then met in the least-squares sense.
+        Weight of the coefficients relative to the conditions, which are then satisfied in the least-squares sense.
     """
     _, s, d = function_gradients.shape
     matrix = function_gradients.transpose(0, 2, 1).reshape(-1, s)
@@ -110,7 +110,7 @@ def impose(function_gradients: Floats, change: Floats, *, penalty: float = 0.0) 
 
 
 def cell_gradients(points: Floats, values: Floats, cells: CellTable, numbers: Integers) -> Floats:
-    """(K, k, d) gradients of nodal values (n, k) over some cells (K,): exact for simplices, a fit for others."""
+    """(K, k, d) gradients of nodal values (n, k) in some cells (K,): exact for simplices, a fit for others."""
     out = np.empty((len(numbers), values.shape[1], points.shape[1]))
     for block, span in cells.numbered:
         here = (numbers >= span.start) & (numbers < span.stop)
@@ -123,7 +123,7 @@ def cell_gradients(points: Floats, values: Floats, cells: CellTable, numbers: In
 
 @dataclass
 class _Imposed:
-    """The enrichment points so far, as their cells (K,), with the functions of unit slope there."""
+    """The enrichment points so far, given by their cells (K,), with functions of unit slope at the points."""
 
     problem: CorrectionProblem
     settings: ImposedSettings
@@ -134,7 +134,7 @@ class _Imposed:
 
     @classmethod
     def nowhere(cls, problem: CorrectionProblem, settings: ImposedSettings) -> _Imposed:
-        """No points yet: functions (n, 0), gradients (0, 0, d)."""
+        """Return an object without points: functions (n, 0), gradients (0, 0, d)."""
         n, d = problem.start.shape
         return cls(
             problem, settings, np.empty(0, dtype=np.int64), np.empty((0, d)), np.empty((n, 0)), np.empty((0, 0, d))
@@ -158,7 +158,7 @@ class _Imposed:
             self.slopes = cell_gradients(p.start, self.functions, p.cells, self.numbers)
 
     def positions(self, points: Floats, quality: Floats) -> Floats:
-        """Positions (n, d) with the corrected Jacobians of the cells imposed; good cells keep their Jacobians."""
+        """Positions (n, d) with the corrected Jacobians imposed on the cells; good cells keep their Jacobians."""
         p, numbers = self.problem, self.numbers
         wanted = cell_gradients(p.start, points - p.start, p.cells, numbers)
         for row in np.flatnonzero(quality[numbers] < self.settings.threshold):

@@ -1,6 +1,6 @@
-"""Where enrichment points go: to the worst predicted cells, and apart from each other.
+"""Places of the enrichment points: at the worst predicted cells, and at a distance from each other.
 
-Points at the K worst cells would crowd in one place and oppose each other, as the thesis found (§5.4.1). There are two
+Points at the K worst cells would all be in one place and oppose each other, as the thesis found (§5.4.1). There are two
 ways to keep them apart:
 
 - :func:`spread_placement`: the worst cell comes first, and each further point goes to the bad cell that is best by
@@ -25,11 +25,11 @@ __all__ = [
 ]
 
 
-#: Cells below this quality are candidates, however many they are …
+#: Cells below this quality are candidates …
 BAD_QUALITY = 0.4
-#: … and at least so many cells for each point.
+#: … and at least this number of cells for each point.
 CANDIDATES_PER_POINT = 4
-#: Radii of consecutive points, relative to R_l: a mix of wide and narrow functions fits better than equal ones.
+#: Radii of consecutive points, relative to R_l: a mix of wide and narrow functions fits better than equal radii.
 RADIUS_CYCLE = (1.0, 0.5, 2.0)
 
 
@@ -51,7 +51,7 @@ class Placement(NamedTuple):
 
 
 def worst_cell(quality: Floats) -> int:
-    """Number of the cell with the smallest quality (m,); of equal ones the first."""
+    """Number of the cell with the smallest quality (m,); of equal cells the first."""
     return int(np.argmin(quality))
 
 

@@ -4,8 +4,8 @@ With H_m the enrichment functions and φ_bb the boundary's interpolation matrix,
 
     ψ_m(x) = H_m(x) − φ(x, b) φ_bb⁻¹ H_m(b)
 
-vanishes on the boundary nodes: it is thesis (5.16) as a function, or the boundary's rows of (4.2) and (5.6) eliminated.
-A motion plus these functions keeps its boundary condition for any coefficients.
+vanishes on the boundary nodes: it is (5.16) of the thesis written as a function, or (4.2) and (5.6) after elimination
+of the boundary's rows. A motion plus these functions keeps its boundary condition for any coefficients.
 """
 
 from dataclasses import dataclass
@@ -22,19 +22,19 @@ __all__ = ["FUNCTIONS", "EnrichmentSpace"]
 
 
 FUNCTIONS = ("H1", "H2")
-"""At every point both: with H1 alone, 20 points reach 0.60 to 0.85 of the ceiling, with both 0.80 to 0.94."""
+"""Every point has both kinds: with H1 alone, 20 points reach 0.60 to 0.85 of the ceiling, with both 0.80 to 0.94."""
 
 
 @dataclass(frozen=True, eq=False)
 class EnrichmentSpace:
-    """The functions ψ of some enrichment points, anywhere.
+    """The functions ψ of some enrichment points, evaluated anywhere.
 
     Attributes
     ----------
     placement : Placement
         The K points and their radii.
     factorization : Factorization
-        Of the boundary.
+        The factorization of the boundary.
     kinds : tuple of str
         Enrichment functions at every point.
     """
@@ -69,6 +69,6 @@ class EnrichmentSpace:
         return np.hstack([functions.values(kind, points, centre, radius) for centre, radius, kind in self._each()])
 
     def _each(self) -> list[tuple[Floats, float, str]]:
-        """Point, radius and kind of every d functions, in order."""
+        """Yield point, radius and kind of every d functions, in order."""
         pairs = zip(self.placement.points, self.placement.radii, strict=True)
         return [(centre, float(radius), kind) for centre, radius in pairs for kind in self.kinds]

@@ -1,7 +1,8 @@
 """Solvers for the interpolation matrix ``φ(|x_i − x_j|/R)`` of distinct control points, one per module.
 
-Each keeps the data to solve again for other displacements: the coupling iterations of a time step share one. A
-*linear solver* gives weights; :class:`.conditional.NullSpaceCholesky` gives weights and the polynomial of its basis.
+Each solver keeps its data to solve again for other displacements: the coupling iterations of a time step share one
+solver. A *linear solver* gives weights; :class:`.conditional.NullSpaceCholesky` gives weights and the polynomial of its
+basis.
 """
 
 from typing import Protocol
@@ -21,7 +22,7 @@ class LinearSolver(Protocol):
 
     @property
     def nbytes(self) -> int:
-        """Memory it holds."""
+        """Bytes of the solver's data."""
         ...
 
     def solve(self, values: Floats) -> Floats:

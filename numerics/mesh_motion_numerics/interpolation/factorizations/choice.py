@@ -37,7 +37,7 @@ __all__ = ["choose_solver"]
 
 #: Largest order for which "auto" makes a dense factor: there it costs as much as three iterative solutions.
 _DENSE_ORDER = 10_000
-#: Smallest order for which another solver is worth it; below it the dense solver takes almost no time.
+#: Smallest order for which another solver is useful; below it the dense solver takes almost no time.
 _SPARSE_ORDER = 1_500
 #: Longest rows and most entries for which a sparse factor is made; :mod:`~.memory_bound` gives its memory.
 _SPARSE_ROW, _SPARSE_ENTRIES = 300.0, 3e6
@@ -75,7 +75,7 @@ def choose_solver(
 
 
 def _mean_row(layout: CentreLayout, support_radius: float) -> float:
-    """Mean nonzero entries per row; if a search is not worth it, the full row."""
+    """Mean number of nonzero entries per row; the full row if a search is not worth its time."""
     return float(layout.n_centres) if layout.is_direct else mean_row_entries(layout, support_radius)
 
 

@@ -1,8 +1,8 @@
 """Conditionally definite bases: the saddle-point system of thesis (2.4) by its null space.
 
 With the Householder factorization ``P = Q [R; 0]`` the side condition (2.3) says that Qᵀγ starts with d + 1 zeros, and
-the rest solves ``(Q₂ᵀ φ Q₂) γ₂ = Q₂ᵀ d``, whose matrix is definite: a Cholesky factorization as for any other basis. Q
-is kept as ``I − V T Vᵀ``, so that the two-sided product is a correction of rank 2 (d + 1), panel by panel.
+the rest solves ``(Q₂ᵀ φ Q₂) γ₂ = Q₂ᵀ d``, whose matrix is definite: it has a Cholesky factorization, as for any other
+basis. Q is kept as ``I − V T Vᵀ``, so that the two-sided product is a correction of rank 2 (d + 1), panel by panel.
 
 References
 ----------
@@ -96,7 +96,7 @@ class NullSpaceCholesky:
             return weights, Polynomial(self.linear, solve_triangular(self._r, rest, lower=False, check_finite=False))
 
     def solve_bordered(self, values: Floats, moments: Floats) -> Floats:
-        """(nc, k) weights γ of (nc, k) values with ``Pᵀ γ`` = moments (d + 1, k) instead of zero: the transpose."""
+        """The transpose: (nc, k) weights γ of (nc, k) values with ``Pᵀ γ`` = moments (d + 1, k) instead of zero."""
         p = self.linear.matrix(self._points[:, : self._size - 1])
         particular = p @ np.linalg.solve(p.T @ p, moments)
         return np.asarray(particular + self.solve(values - self._multiply(particular))[0])

@@ -63,6 +63,6 @@ def largest(vectors: Floats) -> float:
 
 
 def _ratio(a: Floats, b: Floats) -> Floats:
-    """``a / b`` by columns; 0 where a column is solved."""
+    """``a / b`` column by column; 0 in a column that is solved."""
     safe = np.where(b > 0.0, b, 1.0)
     return np.where(b > 0.0, a / safe, 0.0)

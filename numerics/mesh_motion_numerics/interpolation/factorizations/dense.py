@@ -21,7 +21,7 @@ __all__ = ["PanelCholesky"]
 _PANEL = 512
 #: Rows per tile: one task of one thread.
 _TILE = 512
-#: A pivot this small relative to the diagonal has no correct digit.
+#: A pivot this small relative to the diagonal has no correct digits.
 _LOST = 64 * float(np.finfo(float).eps)
 
 
@@ -103,7 +103,7 @@ def _factor_block(block: Floats, smallest: float) -> Floats:
 
 
 def _divided(values: Floats, lower: Floats, *, transposed: bool = False) -> Floats:
-    """``L⁻¹`` or ``L⁻ᵀ`` times values (n, k), by LAPACK itself: SciPy's checks take longer than a small solution."""
+    """``L⁻¹`` or ``L⁻ᵀ`` times values (n, k), by LAPACK directly: SciPy's checks take longer than a small solution."""
     found, _ = lapack.dtrtrs(lower.T, values, lower=0, trans=0 if transposed else 1)
     return np.asarray(found)
 

@@ -21,19 +21,19 @@ from mesh_motion_numerics.interpolation.kernels import Basis
 __all__ = ["ConjugateGradients"]
 
 
-#: Residual of the recurrences, relative to the right-hand side, at which the iterations end: boundary values to 1e-12
-#: in the maximum norm unless rounding forbids it.
+#: Relative residual of the recurrences at which the iterations end: boundary values are then exact to 1e-12 in the
+#: maximum norm, unless rounding prevents it.
 _TOLERANCE = 1e-13
 #: A true residual above this is worth another round; below it, only rounding of the sums is left.
 _REFINED = 1e-10
-#: A residual that refinement cannot reduce below this is an error: setting the boundary exactly would be visible.
+#: A relative residual that refinement cannot reduce below this is an error: the error at the boundary would be visible.
 _ACCEPTED = 1e-8
 _MAX_ITERATIONS = 1000
-#: After so many iterations without halving the best residual, rounding dominates.
+#: After this number of iterations without halving the best residual, rounding dominates.
 _PATIENCE = 25
 _REFINEMENTS = 3
-#: Preceding points per row of the preconditioner: many if a row of the matrix has more than this many terms to sum,
-#: because then fewer iterations soon save more time than the longer set-up costs.
+#: Preceding points per row of the preconditioner. Many if a row of the matrix has more than this number of terms: then
+#: fewer iterations save more time than the longer set-up costs.
 _LONG_ROW, _NEIGHBOURS_LONG, _NEIGHBOURS_SHORT = 2000.0, 64, 24
 
 
@@ -99,7 +99,7 @@ class ConjugateGradients:
         return self._layout.sum(kernels.sum_values, self._basis, self._radius, self._points, vectors, out)
 
     def _conjugate_gradients(self, rhs: Floats, scale: Floats) -> Floats:
-        """(n, k) solution for ``rhs`` to the tolerance times ``scale``, or as well as rounding lets it."""
+        """(n, k) solution for ``rhs`` to the tolerance times ``scale``, or as well as rounding allows."""
         best, since = np.inf, 0
 
         def done(residual: Floats) -> bool:

@@ -13,9 +13,9 @@ __all__ = ["FACTOR_BYTES", "check_dense", "check_sparse", "dense_bytes", "sparse
 
 #: 4 GiB: a dense factor of order 32 768.
 FACTOR_BYTES = 1 << 32
-#: A stored entry: a value and its column.
+#: Bytes of a stored entry: a value and its column.
 _ENTRY_BYTES = 12.0
-#: c.
+#: The factor c.
 _FILL = 1.5
 
 

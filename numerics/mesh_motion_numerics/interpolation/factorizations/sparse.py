@@ -1,7 +1,7 @@
 """Sparse factorization of the interpolation matrix of a compact basis.
 
-SuperLU in symmetric mode: minimum-degree ordering of the matrix' own graph and pivots on the diagonal, which is what a
-positive definite matrix allows.
+SuperLU in symmetric mode: minimum-degree ordering of the matrix's own graph, and pivots on the diagonal, which is
+possible for a positive definite matrix.
 """
 
 import numpy as np
@@ -14,7 +14,7 @@ from mesh_motion_numerics.blas import one_blas_thread
 
 __all__ = ["SparseFactor"]
 
-#: A stored entry of the factors: a value and its row.
+#: Bytes of a stored entry of the factors: a value and its row.
 _BYTES_AN_ENTRY = 12
 
 

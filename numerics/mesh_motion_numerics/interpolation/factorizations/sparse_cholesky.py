@@ -34,7 +34,7 @@ class SparseCholesky:
 
     @classmethod
     def build(cls, matrix: SparseRows, points: Floats) -> SparseCholesky | None:
-        """Of a symmetric matrix of points (n, d); None if it is not positive definite."""
+        """Factorize a symmetric matrix of points (n, d); None if it is not positive definite."""
         row_starts = matrix.indptr.astype(np.int64)
         order, starts, rows = kernels.elimination(row_starts, matrix.indices, np.ascontiguousarray(points))
         made = cls(order, starts, rows, np.empty((len(points), 1, 1)), np.empty((len(rows), 1, 1)))
@@ -43,7 +43,7 @@ class SparseCholesky:
 
     @property
     def nbytes(self) -> int:
-        """Memory it holds."""
+        """Bytes of the factor."""
         return sum(part.nbytes for part in self._parts)
 
     def solve(self, right: Floats) -> Floats:

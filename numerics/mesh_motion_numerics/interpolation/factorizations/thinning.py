@@ -53,7 +53,7 @@ def nearest_preceding(points: Floats, levels: list[Integers], count: int) -> tup
     order : (n,) int64 array
         Point at each rank.
     neighbours : (n, count) int64 array
-        Ranks, nearest first; −1 where there are fewer.
+        Ranks, nearest first; −1 for missing points.
     """
     order = np.concatenate(levels)
     n = len(order)
@@ -71,7 +71,7 @@ def nearest_preceding(points: Floats, levels: list[Integers], count: int) -> tup
 
 
 def _keep_preceding(found: Integers, ranks: Integers, out: Integers) -> None:
-    """Move the entries smaller than the row's rank to the front, in their order, as many as fit."""
+    """Move the entries smaller than the row's rank to the front, in their order, as many as there is room for."""
     precedes = found < ranks[:, None]
     place = np.cumsum(precedes, axis=1) - 1
     row, column = np.nonzero(precedes & (place < out.shape[1]))

@@ -1,8 +1,8 @@
 """Nested boxes of a grid that is finer where the coarse points are closer.
 
 The coarse field varies on the scale of its points' spacing near them and more slowly away from them. Level l has the
-grid spacing ``h₀ / 2^l`` and covers, a margin wide, the coarse points that are closer to each other than the level
-before resolves. Points near each other share a box; the boxes of a level are disjoint.
+grid spacing ``h₀ / 2^l`` and covers, with a margin, the coarse points that are too close to each other for the level
+before. Points near each other share a box; the boxes of a level are disjoint.
 """
 
 import math
@@ -15,13 +15,13 @@ from mesh_motion_numerics.arrays import Floats, Integers
 __all__ = ["MARGIN", "Box", "nested_boxes"]
 
 
-#: Cells of the whole domain's longest side on the coarsest level.
+#: Number of cells along the longest side of the domain on the coarsest level.
 _CELLS = 32
-#: Cells of a box beyond its coarse points.
+#: Number of cells of a box beyond its coarse points.
 MARGIN = 10
 #: Largest spacing of the grid, in spacings of the coarse points.
 _RESOLUTION = 2.6
-#: Grid points of all boxes together; finer levels that would exceed it are left out.
+#: Largest number of grid points of all boxes together; finer levels that would exceed it are left out.
 _MAX_POINTS = 600_000
 _MAX_LEVELS = 24
 
@@ -49,7 +49,7 @@ class Box:
 
     @property
     def grid_points(self) -> int:
-        """Points at which the field is evaluated: two more than the cells' own on every side."""
+        """Number of points at which the field is evaluated: two more than the box's own on every side."""
         return math.prod(n + 5 if n > 0 else 1 for n in self.cells.tolist())
 
 
@@ -94,10 +94,10 @@ def _level(level: int, spacing: float, fine: Floats, low: Floats, parents: list[
 
 
 def _merged(place: Floats) -> list[tuple[Integers, Integers]]:
-    """Corners of disjoint boxes around points (m, 3) in spacings, a margin wide."""
+    """Corners of disjoint boxes around points (m, 3), in spacings, with a margin."""
     if not len(place):
         return []
-    # points of one cell of this side are near each other; boxes of cells that are, touch
+    # points in one cell of this side are near each other; boxes of neighbouring cells touch
     cells = np.floor(place / MARGIN).astype(np.int64)
     label = np.unique(cells @ (1 << 40, 1 << 20, 1), return_inverse=True)[1]
     boxes = []

@@ -1,9 +1,9 @@
-"""Which control points carry the motion into the volume.
+"""The choice of the control points that carry the motion into the volume.
 
-Of few control points all do that are far enough from each other for the matrix to bear it (:func:`separated_points`).
-Of many, farthest-first with distances measured in the local spacing of the boundary (:func:`coarse_points`): the mesher
-put many nodes where detail matters, so a small body in a wide domain gets as large a share of the coarse points as of
-the nodes, and no part of any surface is left out.
+If there are few control points, all are used that are far enough from each other to keep the matrix regular
+(:func:`separated_points`). If there are many, the farthest point is chosen next, with distances in units of the
+boundary's local spacing (:func:`coarse_points`). The mesh has many nodes where detail matters, so a small body in a
+wide domain gets as large a share of the coarse points as of the nodes, and no part of a surface is left out.
 """
 
 import mesh_motion_kernels as kernels
@@ -19,19 +19,20 @@ _MOVING_SHARE = 0.6
 
 
 def separated_points(points: Floats, separation: float, first: Integers | None = None) -> Integers:
-    """Points (m,), ascending, of which no two are closer than the separation and to which every other one is.
+    """Points (m,), ascending: no two are closer than the separation, and every other point is close to one of them.
 
     Parameters
     ----------
     points : (n, 3) array, mesh length unit
     separation : float, mesh length unit
     first : (f,) int64 array, optional
-        Points that are taken if they are far enough from each other, before any other; otherwise the lower number.
+        Points with priority, if they are far enough from each other; without priority the lower number is taken first.
     """
     order = np.arange(len(points))
     if first is not None:
         order = np.concatenate([first, np.setdiff1d(order, first, assume_unique=True)])
-    # one of each cell, the first, keeps the pairs few; cells are so small that those of one are too close to each other
+    # the first point of each cell keeps the pairs few; cells are so small that all their points are too close to each
+    # other
     cells = np.floor((points[order] - points.min(axis=0)) * (np.sqrt(3.0) / separation)).astype(np.int64)
     candidates = order[np.sort(np.unique(cells, axis=0, return_index=True)[1])]
     pairs = cKDTree(points[candidates]).query_pairs(separation, output_type="ndarray")
@@ -41,10 +42,10 @@ def separated_points(points: Floats, separation: float, first: Integers | None =
 
 
 def coarse_points(points: Floats, spacing: Floats, moving: Marks, count: int, separation: float = 0.0) -> Integers:
-    """Choose up to ``count`` control points, if there are as many three moving ones to two at rest.
+    """Choose up to ``count`` control points, with three moving ones to two at rest, if there are enough.
 
-    The field is steepest between the moving body and what is near it; walls at rest need points only so that the field
-    vanishes there.
+    The field is steepest between the moving body and its surroundings; walls at rest need points only to make the field
+    0 there.
 
     Parameters
     ----------
@@ -52,7 +53,7 @@ def coarse_points(points: Floats, spacing: Floats, moving: Marks, count: int, se
     spacing : (n,) array, mesh length unit
     moving : (n,) bool array
     separation : float, mesh length unit
-        Least distance of two of them.
+        Smallest distance of two chosen points.
 
     Returns
     -------

@@ -1,12 +1,13 @@
-"""What the coarse field leaves at the boundary nodes, interpolated by compact functions, widest first.
+"""The coarse field's residual at the boundary nodes, interpolated by compact functions, widest first.
 
-One support radius serves a boundary whose spacing varies little. Where it varies much, functions as narrow as the
-finest spacing would not reach from one node to the next elsewhere, and set that node alone. So there are levels: each
-has a quarter of the radius of the one before, and the nodes that its radius can join; the last one has all nodes and
-takes what is left, so that the sum is exact (the multistep method of Floater and Iske).
+If the spacing of a boundary varies little, one support radius is enough. If it varies much, functions as narrow as the
+finest spacing would not reach from one node to the next where the spacing is coarse, and would move single nodes only.
+So there are levels: each has a quarter of the radius of the level before, and the nodes that its radius can connect.
+The last level has all nodes and interpolates the remaining residual, so that the sum is exact (the multistep method of
+Floater and Iske).
 
-Each matrix is sparse and is solved by conjugate gradients with a factorized sparse approximate inverse, which is made
-once for the reference mesh and serves the displaced ones.
+Each system is sparse and is solved by conjugate gradients with a factorized sparse approximate inverse. This inverse is
+made once for the reference mesh and also used for displaced meshes.
 
 References
 ----------
@@ -50,42 +51,44 @@ __all__ = [
 
 
 BASIS = basis_named("wendland-c2")
-"""Compact, positive definite, with a gradient at its centres, whatever the basis of the coarse field is."""
+"""The basis of the levels for every coarse field: compact, positive definite, with a gradient at its centres."""
 
-#: Support radius of a level in the smallest spacing it serves, and that of the level before in its own.
+#: Support radius of a level in units of its smallest spacing, and that of the level before in units of its own.
 _RADII, LEVEL_RATIO = 3.0, 4.0
-#: The same of the few nodes that a coarse field of all others leaves out, by dimension. Wider is smoother, and few
-#: nodes are cheap: an aerofoil that bends in a C-grid turns the edges of its first cells by 1.2° with 16 or with one
-#: wide level of all nodes, and by 2.0° with 3.
+#: The same for the few nodes that a coarse field of all others leaves out, by dimension. A wider radius is smoother,
+#: and cheap for few nodes: an aerofoil that bends in a C-grid turns the edges of its first cells by 1.2° with 16 or
+#: with one wide level of all nodes, and by 2.0° with 3.
 LEVEL_RADII = {1: 16.0, 2: 16.0, 3: 6.0}
-#: Gaps between coarse points for each scale of the widest level, at least.
+#: Largest gap between coarse points, in units of the scale of the widest level.
 _GAP = 6.0
-#: The last level joins nodes that are this much closer than its scale.
+#: The last level takes the remaining nodes if they are at most this much closer than its scale.
 CLOSEST = 16.0
-#: Enough for spacings from the extent of a mesh down to its rounding.
+#: Largest number of levels: enough for spacings from the extent of a mesh down to its rounding.
 MAX_LEVELS = 32
 _ROUNDING = 1e-9
-#: Least distance of a level's nodes in its spacing: a little less than the next radius, so that those that it does not
-#: join are all taken. The closer nodes would multiply the entries of every matrix and carry nothing further.
+#: Smallest distance of a level's nodes in units of its spacing. It is a little less than the next radius, so that all
+#: nodes are taken that the level does not connect. Closer nodes would multiply the entries of every matrix and bring no
+#: gain.
 _SEPARATION = 0.7
-#: Share of the nodes whose spacing may be smaller than what sets a radius: single close pairs do not.
+#: Share of the nodes whose spacing may be smaller than the one that sets a radius: single close pairs do not set it.
 _CLOSE, _WIDE = 5.0, 95.0
-_NEIGHBOURS = 16  # preceding points a row of the preconditioner
-#: Of the largest value interpolated, of which the coarse field leaves a hundredth or less; and for a wide level, which
-#: between its nodes leaves a ten-thousandth to the next one anyway.
+_NEIGHBOURS = 16  # preceding points in a row of the preconditioner
+#: Tolerances relative to the largest interpolated value, of which the coarse field leaves a hundredth or less; the
+#: second for a wide level, which leaves a ten-thousandth to the next level anyway.
 _TOLERANCE, _WIDE_TOLERANCE = 1e-11, 1e-6
-#: Of the largest value, where a transpose follows.
+#: Tolerance relative to the largest value if a transpose follows.
 _EXACT = 1e-13
 _MAX_ITERATIONS = 200
 _ACCEPTED = 1e-9
-#: Entries of a row of the matrix, in the mean, up to which its factor is worth it. On the wings of 6 000 and 18 000
-#: nodes, with 7 and 8, it takes 14 and 72 ms and saves 5 and 17 ms of 6 and 19 a solution; with 27, 290 ms for 6 of 15.
+#: Mean entries of a matrix row up to which a factorization is worth its time. On the wings of 6 000 and 18 000 nodes,
+#: with 7 and 8 entries, it takes 14 and 72 ms and saves 5 of 6 and 17 of 19 ms in each solution; with 27 entries it
+#: takes 290 ms and saves 6 of 15 ms.
 _FEW = 12
 
 
 @dataclass(frozen=True, eq=False)
 class CompactLevel:
-    """What a level keeps over all states of the mesh.
+    """The data of a level that are kept over all states of the mesh.
 
     Attributes
     ----------
@@ -93,7 +96,7 @@ class CompactLevel:
         Its control points.
     radius : float, mesh length unit
     precondition : SparseInverse
-        Of the reference mesh.
+        Preconditioner of the reference mesh.
     """
 
     members: Integers
@@ -104,7 +107,7 @@ class CompactLevel:
 def compact_levels(
     points: Floats, spacing: Floats, moving: Marks, *, coarse: Integers, gap: float
 ) -> list[CompactLevel]:
-    """The levels of a boundary with many nodes, widest first, by the spacing of what moves.
+    """The levels of a boundary with many nodes, widest first, chosen by the spacing of the moving nodes.
 
     Parameters
     ----------
@@ -112,7 +115,7 @@ def compact_levels(
         Distinct reference control points.
     spacing : (n,) array, mesh length unit
     moving : (n,) bool array
-        Those whose spacings count. At nodes at rest little is left to correct, so setting them alone does no harm.
+        Nodes whose spacings count. At nodes at rest the residual is small, so it does no harm if they are set singly.
     coarse : (c,) int64 array
         Points of the coarse field.
     gap : float, mesh length unit
@@ -124,7 +127,7 @@ def compact_levels(
 
 
 def levels_below(points: Floats, spacing: Floats, separation: float, *, coarse: Integers) -> list[CompactLevel]:
-    """The levels for points that the coarse field leaves out because they are closer than the separation to its own.
+    """The levels for points that the coarse field leaves out because they are too close to its own points.
 
     Parameters
     ----------
@@ -140,7 +143,7 @@ def levels_below(points: Floats, spacing: Floats, separation: float, *, coarse: 
 
 
 def _nested(points: Floats, widest: float, first: Integers) -> Iterator[tuple[float, Integers]]:
-    """Scales, each a quarter of the one before, and points (m,) as far apart; those of one are among the next ones."""
+    """Scales, each a quarter of the one before, and points (m,) that far apart, with those of the one before."""
     for level in range(MAX_LEVELS):
         scale = widest / LEVEL_RATIO**level
         first = separated_points(points, _SEPARATION * scale, first)
@@ -150,9 +153,10 @@ def _nested(points: Floats, widest: float, first: Integers) -> Iterator[tuple[fl
 def _levels(
     points: Floats, spacing: Floats, nested: Iterator[tuple[float, Integers]], low: float, radii: float
 ) -> list[CompactLevel]:
-    """Levels until no two points are much closer than the scale: the last one has all points.
+    """Levels down to a scale at which no two points are much closer: the last level has all points.
 
-    Above the scale ``low`` a level needs two points that are not all; below it, points that the one before had not.
+    Above the scale ``low`` a level needs at least two points but not all; below it, points that the level before did
+    not have.
     """
     levels: list[CompactLevel] = []
     closest, before = float(spacing.min()), 0
@@ -201,12 +205,12 @@ class CompactSystem:
         return own if made is None else own + made.nbytes
 
     def exactly(self, right: Floats) -> Floats:
-        """The weights (m, k) that take the values ``right`` (m, k) at the members to rounding, as a transpose needs it.
+        """The weights (m, k) that give the values ``right`` (m, k) at the members to rounding, as a transpose requires.
 
         Raises
         ------
         QualityRefused
-            As for :meth:`solve`.
+            The same as for :meth:`solve`.
         """
         if self._factor is not None:
             return self._factor.solve(right)
@@ -214,21 +218,21 @@ class CompactSystem:
 
     @cached_property
     def _factor(self) -> SparseCholesky | None:
-        """That of the matrix, if its rows are short; made for the first exact solution."""
+        """The factor of the matrix, if its rows are short; made for the first exact solution."""
         if len(self.matrix.data) > _FEW * len(self.points):
             return None
         return SparseCholesky.build(self.matrix, self.points)
 
     def solve(self, residual: Floats, scale: float, *, last: bool = True) -> tuple[Interpolant, int]:
-        """The interpolant of a residual (n, k) of all control points at the members, and the iterations it took.
+        """Return the interpolant at the members of a residual (n, k) of all control points, and the iterations.
 
         Parameters
         ----------
         residual : (n, k) array
         scale : float
-            Largest value to be interpolated, by whatever: what the solution's error is measured by.
+            Largest value that all levels together interpolate; the solution's error is relative to it.
         last : bool
-            Whether no other level takes what is left.
+            Whether this is the last level, so that no other one interpolates the residual.
 
         Raises
         ------
@@ -245,14 +249,14 @@ class CompactSystem:
         return Interpolant(self.points, weights, BASIS, self.level.radius, self.layout)
 
     def weights(self, right: Floats, scale: float, tolerance: float) -> tuple[Floats, int]:
-        """The weights (m, k) that take the values ``right`` (m, k) at the members, and the iterations.
+        """The weights (m, k) that give the values ``right`` (m, k) at the members, and the number of iterations.
 
         All columns advance together until the residual is below the ``tolerance``, in units of the ``scale``.
 
         Raises
         ------
         QualityRefused
-            As for :meth:`solve`.
+            The same as for :meth:`solve`.
         """
         if scale == 0.0:
             return np.zeros_like(right), 0
@@ -270,6 +274,6 @@ class CompactSystem:
         )
 
     def _preconditioners(self) -> Iterator[SparseInverse]:
-        """The reference mesh's; where the boundary has changed too much for it, one of the boundary as it is."""
+        """Yield the reference mesh's preconditioner, and if it fails one for the current boundary."""
         yield self.level.precondition
         yield SparseInverse(padded(self.points), BASIS, self.level.radius, _NEIGHBOURS)

@@ -6,7 +6,8 @@ sums. With few control points, all are coarse points as long as the matrix is no
 its support radius a smooth function has equal values up to rounding. The smallest eigenvalue of the matrix of
 Wendland's C2 function is about 25 (h/R)³ for points with spacing h.
 
-Control points at the same place (the two sides of a baffle, or of an interface) count as one with their mean value.
+Control points at the same place (the two sides of a baffle, or of an interface) count as one point with their mean
+value.
 
 References
 ----------
@@ -49,14 +50,15 @@ from mesh_motion_numerics.mesh.spacing import local_spacing
 __all__ = ["SEPARATION", "TwoScaleFactorization", "TwoScalePlan"]
 
 
-#: Coarse points of many, by dimension. On the slab in a square 200 reach the quality of all 1300 boundary nodes to a
-#: hundredth, on the wing in a cube 500 that of all 17 900 near the wall to a twentieth, with more no better.
+#: Number of coarse points if there are many control points, by dimension. On the slab in a square 200 reach the quality
+#: of all 1300 boundary nodes to a hundredth, on the wing in a cube 500 that of all 17 900 near the wall to a twentieth;
+#: more points are not better.
 _COARSE = {1: 100, 2: 200, 3: 500}
-#: Least support radius in gaps between them.
+#: Smallest support radius in units of the gaps between coarse points.
 _GAPS = 4.0
-#: Least distance of two coarse points in support radii, of many and of few: the matrix of the first keeps six digits.
-#: Weights of the second round off less: first cells of 1e-8 chords keep their height to 0.4 % when an aerofoil turns by
-#: 45°, with 2e-4 to 2 %.
+#: Smallest distance of two coarse points in support radii, for many and for few control points: with the first the
+#: matrix keeps six digits. The second gives smaller rounding errors of the weights: first cells of 1e-8 chords keep
+#: their height to 0.4 % when an aerofoil turns by 45°, to 2 % with 2e-4.
 _OF_MANY, SEPARATION = 2e-4, 1e-3
 
 
@@ -71,13 +73,13 @@ class TwoScalePlan:
     gap : float, mesh length unit
         Largest distance of a moving control point from the nearest coarse one.
     levels : list of CompactLevel
-        Widest first; numbers are those of :attr:`distinct`.
+        The levels, widest first; numbers are rows of :attr:`distinct`.
     basis, support_radius
-        Of the coarse interpolation, as in :func:`~mesh_motion_numerics.interpolation.interpolant.factorize`.
+        Those of the coarse interpolation, as in :func:`~mesh_motion_numerics.interpolation.interpolant.factorize`.
     gridded : bool
         Whether a spline on a grid replaces the coarse sums.
     place : (n,) int64 array
-        The first control point at the place of each one.
+        For each control point the first one at its place.
     """
 
     coarse: Integers
@@ -90,28 +92,28 @@ class TwoScalePlan:
 
     @property
     def least_radius(self) -> float:
-        """Smallest radius with which a compact basis joins the coarse points to one field, mesh length unit."""
+        """Smallest radius at which a compact basis connects the coarse points to one field, mesh length unit."""
         return _GAPS * self.gap
 
     @property
     def joined(self) -> bool:
-        """Whether the support radius joins them."""
+        """Whether the support radius connects the coarse points."""
         radius = self.support_radius
         return radius is None or radius >= self.least_radius or not basis_named(self.basis).compact
 
     @property
     def single(self) -> bool:
-        """Whether the coarse interpolation is that of all control points."""
+        """Whether the coarse interpolation has all control points."""
         return not self.gridded and len(self.coarse) == len(self.place)
 
     @property
     def usable(self) -> bool:
-        """Whether it is better than one scale with all control points."""
+        """Whether the plan is better than one scale with all control points."""
         return self.joined if self.gridded else not self.single
 
     @cached_property
     def distinct(self) -> Integers:
-        """(c,) the first control point of each place, ascending."""
+        """(c,) the first control point at each place, ascending."""
         return np.flatnonzero(self.place == np.arange(len(self.place)))
 
     @classmethod
@@ -132,9 +134,9 @@ class TwoScalePlan:
         reference : (n, d) array, mesh length unit
             Control points of the reference mesh.
         moving : (n,) bool array
-            Which of them move.
+            Which control points move.
         count : int, optional
-            Coarse points of a grid; by default by the dimension.
+            Number of coarse points with a grid; by default chosen by the dimension.
         gridded : bool
             If false, all control points that are far enough from each other are coarse points.
         """
@@ -179,7 +181,7 @@ class TwoScalePlan:
         return TwoScaleFactorization(points, self, coarse, grid, systems)
 
     def _grid(self, chosen: Floats, spacing: Floats, corners: Floats, dimension: int) -> NestedGrid:
-        """The grid of a domain between two corners (2, 3), as far as the coarse points (m, 3) reach."""
+        """The grid of a domain between two corners (2, 3), refined around the coarse points (m, 3)."""
         if basis_named(self.basis).compact and self.support_radius is not None:
             corners[0] = np.maximum(corners[0], chosen.min(axis=0) - self.support_radius)
             corners[1] = np.minimum(corners[1], chosen.max(axis=0) + self.support_radius)
@@ -219,11 +221,11 @@ class TwoScaleFactorization:
 
     @property
     def nbytes(self) -> int:
-        """Memory it holds."""
+        """Bytes of the factorization."""
         return self.coarse.nbytes + self.control_points.nbytes + sum(system.nbytes for system in self.systems)
 
     def solve(self, values: Floats) -> TwoScaleInterpolant:
-        """Interpolant of (n, k) values at the control points; the mean of those at one place."""
+        """Return the interpolant of (n, k) values at the control points; the mean of values at the same place."""
         values = self.averaged(np.ascontiguousarray(values, dtype=np.float64))
         distinct, points = self.plan.distinct, self.control_points
         field = self.coarse.solve(values[self.plan.coarse])
@@ -245,7 +247,7 @@ class TwoScaleFactorization:
 
     @cached_property
     def weightless(self) -> TwoScaleInterpolant:
-        """An interpolant of no component, which has the coarse points and the levels."""
+        """An interpolant without components, which has the coarse points and the levels."""
         coarse = self.coarse
         nothing = np.empty((len(coarse.control_points), 0))
         field = Interpolant(coarse.control_points, nothing, coarse.basis, coarse.support_radius, coarse.layout)
@@ -253,7 +255,7 @@ class TwoScaleFactorization:
         return TwoScaleInterpolant(field, levels, self.basis, 0)
 
     def averaged(self, values: Floats) -> Floats:
-        """The values (n, k) with their mean at the first of each place."""
+        """The values (n, k) with the mean of each place at its first point."""
         place = self.plan.place
         if len(self.plan.distinct) == len(place):
             return values

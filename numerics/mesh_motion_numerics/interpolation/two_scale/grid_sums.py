@@ -1,9 +1,9 @@
 """Sums over centres at the points of a uniform grid, block by block: near centres directly, far ones interpolated.
 
-Seen from a block of grid points, the function of a centre far away is a polynomial but for a little, of a lower order
-the further it is: its sum with all others of the kind is formed at so many Chebyshev points of the block and
-interpolated to those of the next order, and from the highest to the grid's points, along one axis after the other. What
-is near is summed at the grid's points themselves.
+In a block of grid points, the function of a far centre is nearly a polynomial, of lower order for farther centres. So
+all centres of the same order are summed at the Chebyshev points of this order in the block. The sums are interpolated
+to the Chebyshev points of the next order, and from the highest order to the grid's points, along one axis after the
+other. Near centres are summed at the grid's points directly.
 
 References
 ----------
@@ -25,22 +25,22 @@ from mesh_motion_numerics.interpolation.two_scale.nested_grid import NestedGrid
 __all__ = ["grid_sums", "on_grid", "on_grid_transposed"]
 
 
-#: Chebyshev points along an axis of a block for its furthest and nearest far centres.
+#: Number of Chebyshev points along an axis of a block, for its farthest and nearest far centres.
 _LEAST, _ORDER = 4, 8
-#: Half widths from a block's middle beyond which a centre is far. Then the interpolation leaves at most 6e-5 of the
-#: largest displacement on the wing in a cube, 2e-6 in the mean: a thirtieth of what the spline between the grid's
-#: points leaves there. All sums directly take three times as long.
+#: Distance in half widths from a block's middle beyond which a centre is far. At this distance the interpolation error
+#: is at most 6e-5 of the largest displacement on the wing in a cube, 2e-6 on average: a thirtieth of the spline's error
+#: between the grid's points. Direct sums only would take three times as long.
 _FAR = 1.8
 #: Functions so smooth that large weights cancel: all their far centres get the highest order.
 _SMOOTH = ("wendland-c4", "wendland-c6")
-#: Support radii that grid and centres may be wide: in a wider one cells of centres leave more sums out.
+#: Largest extent of grid and centres, in support radii: in a wider one, cells of centres leave more sums out.
 _WIDE = 3.0
-#: Products of grid points and centres below which blocks do not pay.
+#: Product of the numbers of grid points and centres below which blocks do not save time.
 _WORTHWHILE = 2e6
 
 
 def on_grid(interpolant: Interpolant, grid: NestedGrid) -> Floats:
-    """(n, k) values of an interpolant at the points of nested boxes, by blocks where that pays."""
+    """(n, k) values of an interpolant at the points of nested boxes, by blocks if that saves time."""
     values = np.empty((sum(box.grid_points for box in grid.boxes), interpolant.components))
     first = 0
     for box in grid.boxes:
@@ -54,7 +54,7 @@ def on_grid(interpolant: Interpolant, grid: NestedGrid) -> Floats:
 
 
 def on_grid_transposed(interpolant: Interpolant, grid: NestedGrid, values: Floats) -> Floats:
-    """(nc, k) the transpose of :func:`on_grid` as a map of the weights, which do not count, of (n, k) values."""
+    """The transpose of :func:`on_grid` as a map of the weights (which are not used): (nc, k) for (n, k) values."""
     out, first = np.zeros((len(interpolant.control_points), values.shape[1])), 0
     for box in grid.boxes:
         part = np.ascontiguousarray(values[first : first + box.grid_points])
@@ -75,8 +75,8 @@ def on_grid_transposed(interpolant: Interpolant, grid: NestedGrid, values: Float
 def grid_sums(interpolant: Interpolant, low: Floats, spacing: float, counts: tuple[int, ...], out: Floats) -> bool:
     """Fill ``out`` (n, k) with ``Σ_j w_j φ(|x − x_j| / R)`` at the points of a grid.
 
-    Blocks suit in three dimensions, and where φ varies on the scale of its distance from a centre: up to the support
-    radius. Beyond it a compact function is zero, and any other one does not suit.
+    Blocks are suitable in three dimensions, if φ varies on the scale of its distance from a centre: up to the support
+    radius. Beyond this radius a compact function is zero; other functions are not suitable there.
 
     Parameters
     ----------
@@ -104,7 +104,7 @@ def grid_sums(interpolant: Interpolant, low: Floats, spacing: float, counts: tup
 
 
 def _blocks_suit(interpolant: Interpolant, low: Floats, spacing: float, counts: tuple[int, ...]) -> bool:
-    """Whether sums at the points of a grid go by blocks."""
+    """Whether sums at the points of a grid are formed by blocks."""
     centres = interpolant.control_points
     if len(counts) != 3 or math.prod(counts) * len(centres) < _WORTHWHILE:
         return False
@@ -116,7 +116,7 @@ def _blocks_suit(interpolant: Interpolant, low: Floats, spacing: float, counts: 
 
 
 def _arguments(interpolant: Interpolant, low: Floats, spacing: float) -> tuple[Any, ...]:
-    """What the compiled sums take, without the weights and the values."""
+    """Arguments of the compiled sums, without the weights and the values."""
     compact, radius = interpolant.basis.compact, interpolant.support_radius
     distances = _ALL_HIGHEST if interpolant.basis.name in _SMOOTH else _DISTANCES
     centres = np.ascontiguousarray(interpolant.control_points.T)
@@ -125,11 +125,11 @@ def _arguments(interpolant: Interpolant, low: Floats, spacing: float) -> tuple[A
 
 
 def _distances() -> Floats:
-    """(order + 1,) half widths from a block's middle beyond which an order of interpolation is enough.
+    """(order + 1,) half widths from a block's middle beyond which each order of interpolation is enough.
 
     The error for a function with a singularity q half widths away falls like ``(q + √(q² − 1))^−order``, and it grows
-    with ``(q / order)²``, as measured for the third power of the distance. It is that of the highest order from
-    ``_FAR`` on for all.
+    with ``(q / order)²``, as measured for the third power of the distance. Every order has at most the error of the
+    highest order at the distance ``_FAR``.
     """
 
     def error(q: Floats, order: int) -> Floats:

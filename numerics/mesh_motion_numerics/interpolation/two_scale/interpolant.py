@@ -16,13 +16,13 @@ class TwoScaleInterpolant:
     Attributes
     ----------
     coarse : NestedSpline or Interpolant
-        Of many control points a spline through the coarse interpolation, of few that itself.
+        With many control points a spline through the coarse interpolation, with few the coarse interpolation itself.
     levels : tuple of Interpolant
         Compact, widest first.
     basis : Basis
-        Of the coarse field.
+        Basis of the coarse field.
     iterations : int
-        Of the conjugate gradients, all levels together.
+        Number of iterations of the conjugate gradients, for all levels together.
     """
 
     coarse: NestedSpline | Interpolant
@@ -43,4 +43,4 @@ class TwoScaleInterpolant:
 
 
 AnyInterpolant = Interpolant | TwoScaleInterpolant
-"""What :mod:`..evaluation` takes."""
+"""The interpolants that :mod:`..evaluation` accepts."""

@@ -1,7 +1,7 @@
-"""A compact level at given places: the values there of all its functions, as a sparse matrix.
+"""A compact level at given places: the values of all its functions there, as a sparse matrix.
 
-Few places are within reach of a level, and few centres of each. The matrix depends on centres and places only, so it is
-made once for a state of the mesh and serves all displacements from there.
+Few places are within reach of a level, and each of them is near few centres. The matrix depends only on centres and
+places, so it is made once for a state of the mesh and used for all displacements from this state.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ class NearOperator:
     Attributes
     ----------
     rows : (r,) int64 array
-        Places that the level may reach, neighbours next to each other; at all others it vanishes.
+        Places that the level may reach, with neighbours next to each other; at all other places the level is 0.
     matrix : SparseRows
-        Its functions there.
+        Values of the level's functions there.
     """
 
     rows: Integers
@@ -42,7 +42,7 @@ class NearOperator:
 
     @property
     def nbytes(self) -> int:
-        """Memory it holds."""
+        """Bytes of the operator."""
         return int(self.rows.nbytes) + nbytes(self.matrix)
 
     def add(self, weights: Floats, out: Floats) -> None:
@@ -51,7 +51,7 @@ class NearOperator:
         kernels.add_product(self.rows, matrix.indptr, matrix.indices, matrix.data, np.ascontiguousarray(weights), out)
 
     def transpose(self, weights: Floats, centres: int) -> Floats:
-        """(nc, k) what the weights of the ``centres`` count for (n, k) ones of the values."""
+        """The transpose: (nc, k) derivatives by the weights of the ``centres``, for (n, k) weights of the values."""
         out, matrix = np.empty((centres, weights.shape[1])), self.matrix
         kernels.transposed_product(
             self.rows, matrix.indptr, matrix.indices, matrix.data, np.ascontiguousarray(weights), out

@@ -1,8 +1,9 @@
 """A field known on the points of nested boxes, and a cubic spline through them.
 
 On each box the field becomes a uniform cubic B-spline by the local quasi-interpolation ``c = (8 f − f₋ − f₊) / 6``
-along each axis, of fourth order. A box' outer layers take the coefficients of its parent, subdivided, and over the next
-layers pass into its own: both splines are the same at its rim, so the field is twice continuously differentiable.
+along each axis, of fourth order. The outer layers of a box have the subdivided coefficients of its parent; over the
+next layers these are blended into the box's own coefficients. So both splines are equal at the rim of the box, and the
+field is twice continuously differentiable.
 
 References
 ----------
@@ -23,8 +24,8 @@ from mesh_motion_numerics.interpolation.two_scale.boxes import Box
 __all__ = ["NestedGrid", "NestedSpline"]
 
 
-#: Layers of coefficients that are the parent's: those of which a cubic spline's value, slope and curvature at the rim
-#: consist; and layers over which a box passes into its own.
+#: Number of layers with the parent's coefficients: those that give a cubic spline's value, slope and curvature at the
+#: rim; and number of layers over which they are blended into the box's own.
 _RIM, _BLEND = 3, 3
 
 
@@ -39,7 +40,7 @@ class NestedSpline:
     inverse_spacing : (b,) array
     cells : (b, 3) int64 array
     start : (b,) int64 array
-        First row of each box' coefficients.
+        First row of each box's coefficients.
     coefficients : (c, k) array
         Box by box, x slowest.
     """
@@ -60,7 +61,7 @@ class NestedSpline:
         kernels.spline_gradients(np.ascontiguousarray(points), *self._boxes, self.coefficients, out)
 
     def count(self, points: Floats, weights: Floats) -> None:
-        """Add to the coefficients what they count for (n, k) weights of the values at (n, d) points: the transpose."""
+        """Add to the coefficients their derivatives for (n, k) weights of the values at (n, d) points."""
         points, weights = np.ascontiguousarray(points), np.ascontiguousarray(weights)
         kernels.add_spline_coefficients(points, *self._boxes, weights, self.coefficients)
 
@@ -87,7 +88,7 @@ class NestedGrid:
     dimension: int
 
     def points(self) -> Floats:
-        """(g, d) points at which the field is needed, box by box."""
+        """(g, d) points at which the field is evaluated, box by box."""
         return np.concatenate([self.points_of(box) for box in self.boxes])
 
     def points_of(self, box: Box) -> Floats:
@@ -99,15 +100,15 @@ class NestedGrid:
         return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, self.dimension)
 
     def corner(self, box: Box) -> Floats:
-        """(3,) first point of a box, two before its own."""
+        """(3,) first point of a box's evaluation points, two before the box's own corner."""
         return np.asarray(self.low + box.spacing * (box.first - 2.0))
 
     def counts(self, box: Box) -> tuple[int, ...]:
-        """Points along each axis of a box, two more than its own on every side."""
+        """Number of points along each axis of a box, two more than its own on every side."""
         return tuple(int(n) + 5 for n in box.cells[: self.dimension])
 
     def spline(self, values: Floats) -> NestedSpline:
-        """The spline of values (g, k) at :meth:`points`."""
+        """Return the spline of values (g, k) at :meth:`points`."""
         packed, starts = self._packed(np.empty, values.shape[1])
         coefficients: list[Floats] = []
         first = 0
@@ -123,9 +124,9 @@ class NestedGrid:
         return packed
 
     def spline_transposed(self, *weighted: tuple[Floats, Floats], of_coefficients: Floats | None = None) -> Floats:
-        """(g, k) what the values at :meth:`points` count for the spline's values at (n, d) points with (n, k) weights.
+        """(g, k) derivatives by the values at :meth:`points`, for (n, k) weights of the spline at (n, d) points.
 
-        These are given together, as often as there are such points. ``of_coefficients`` (r, k): weights of the spline's
+        Each argument has points with their weights. ``of_coefficients`` (r, k): weights of the spline's
         coefficients, in addition.
         """
         components = weighted[0][1].shape[1]
@@ -139,9 +140,9 @@ class NestedGrid:
             for box, row, size in zip(self.boxes, starts, self._sizes, strict=True)
         ]
         values = []
-        for box, found in zip(self.boxes[::-1], own[::-1], strict=True):  # a box before its parent
+        for box, found in zip(self.boxes[::-1], own[::-1], strict=True):  # each box before its parent
             counted = self._blend_transposed(found, box, own[box.parent]) if box.parent >= 0 else found
-            # transposed, the same differences along an axis with nothing beyond both ends
+            # transposed: the same differences along an axis, with zeros beyond both ends
             counted = np.pad(counted, [(2, 2)] * self.dimension + [(0, 0)])
             for axis in range(self.dimension):
                 counted = _quasi_interpolated(counted, axis)
@@ -150,12 +151,12 @@ class NestedGrid:
 
     @property
     def _sizes(self) -> list[int]:
-        """Coefficients of each box."""
+        """Number of coefficients of each box."""
         return [math.prod(int(n) + 3 for n in box.cells[: self.dimension]) for box in self.boxes]
 
     def _packed(self, make: Callable[[tuple[int, int]], Floats], components: int) -> tuple[NestedSpline, Integers]:
-        """A spline whose coefficients NumPy makes, and the first one (b,) of each box."""
-        order = self.boxes[::-1]  # finest first: a point takes the first that holds it
+        """Make a spline whose coefficients NumPy allocates; return also the first coefficient (b,) of each box."""
+        order = self.boxes[::-1]  # finest first: a point uses the first box that contains it
         start = np.cumsum([0, *self._sizes[::-1]])
         spline = NestedSpline(
             np.stack([self.low + box.spacing * box.first for box in order]),
@@ -168,14 +169,14 @@ class NestedGrid:
         return spline, start[-2::-1]
 
     def _blend(self, own: Floats, box: Box, parents: Floats) -> None:
-        """Pass a box' own coefficients into the parent's at the rim."""
+        """Blend a box's own coefficients with the parent's at the rim."""
         missing, (first, shares) = 3 - self.dimension, self._blending(box)
         kernels.blend_with_parent(
             _as_cube(parents), np.append(np.zeros(missing, int), first), *[np.ones(1)] * missing, *shares, _as_cube(own)
         )
 
     def _blend_transposed(self, own: Floats, box: Box, parents: Floats) -> Floats:
-        """What is left to the box' own coefficients; what its parent's count is added to theirs."""
+        """The transpose: return the own coefficients' share, and add the parent's share to its coefficients."""
         first, shares = self._blending(box)
         share = np.ones(1)
         for axis_share in shares:
@@ -189,19 +190,19 @@ class NestedGrid:
         return np.asarray(share * own)
 
     def _blending(self, box: Box) -> tuple[Integers, list[Floats]]:
-        """The parent's first layer (d,) at a box, and the share of the box' own coefficients along each axis."""
+        """The parent's first layer (d,) at a box, and the share of the box's own coefficients along each axis."""
         first = (box.first // 2 - self.boxes[box.parent].first)[: self.dimension]
         return first, [_share(box, int(self.boxes[0].cells[axis]), axis) for axis in range(self.dimension)]
 
 
 def _as_cube(coefficients: Floats) -> Floats:
-    """Coefficients (…, n, k) as (n0, n1, n k), with one layer along each axis that they have not got."""
+    """Coefficients (…, n, k) as (n0, n1, n k), with one layer along each missing axis."""
     leading = coefficients.shape[:-2]
     return coefficients.reshape(*(1,) * (2 - len(leading)), *leading, -1)
 
 
 def _quasi_interpolated(values: Floats, axis: int, out: Floats | None = None) -> Floats:
-    """(8 f − f₋ − f₊) / 6 along an axis, which loses its first and last entry, in the memory of ``out`` if there is."""
+    """(8 f − f₋ − f₊) / 6 along an axis, which loses its first and last entry; written into ``out``, if given."""
     before, after = values.shape[:axis], values.shape[axis + 1 :]
     shape = (*before, values.shape[axis] - 2, *after)
     out = np.empty(shape) if out is None else out.reshape(shape)
@@ -211,7 +212,7 @@ def _quasi_interpolated(values: Floats, axis: int, out: Floats | None = None) ->
 
 
 def _subdivision(n: int, first: int, parents: int) -> Floats:
-    """(n, parents) the layers of a box along an axis from those of its parent, of twice the spacing."""
+    """(n, parents) matrix: the layers of a box along an axis from those of its parent, of twice the spacing."""
     out = np.zeros((n, parents))
     for i in range(n):
         weights = (0.125, 0.75, 0.125) if i % 2 else (0.5, 0.5)
@@ -220,7 +221,7 @@ def _subdivision(n: int, first: int, parents: int) -> Floats:
 
 
 def _share(box: Box, domain_cells: int, axis: int) -> Floats:
-    """(cells + 3,) share of its own coefficients along an axis; 1 towards a side that is the domain's."""
+    """(cells + 3,) share of a box's own coefficients along an axis; 1 towards a side of the domain."""
     n = int(box.cells[axis]) + 3
     rise = _smooth_step((np.arange(n) - (_RIM - 1.0)) / (_BLEND + 1.0))
     share = np.ones(n)

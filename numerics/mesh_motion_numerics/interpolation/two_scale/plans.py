@@ -1,4 +1,4 @@
-"""Which sets of control nodes of a mesh are interpolated in two scales, and their plans."""
+"""The sets of control nodes of a mesh that are interpolated in two scales, and their plans."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ __all__ = ["AUTOMATIC_FROM", "TwoScalePlans", "plan_for"]
 
 
 AUTOMATIC_FROM = 1000
-"""Control nodes above which the coarse field has few of them and is a spline on a grid. With 1300
-of them and 98 000 nodes in 2D a step takes a quarter of the time that all of them take, with 5900 and 50 000 in 3D a
+"""Number of control nodes above which the coarse field has few of them and is a spline on a grid. With 1300 control
+nodes and 98 000 nodes in 2D a step takes a quarter of the time with all of them, with 5900 and 50 000 in 3D a
 twentieth."""
 
 
 @dataclass(frozen=True, eq=False)
 class TwoScalePlans:
-    """Plans by the control nodes that they are for.
+    """Plans by their control nodes.
 
     Attributes
     ----------
@@ -44,11 +44,11 @@ class TwoScalePlans:
         followed: Sequence[Integers] = (),
         controls: Callable[[Integers], Integers] = np.asarray,
     ) -> TwoScalePlans:
-        """Plan for all nodes with a role of a mesh with reference ``points`` (n, d), and for others.
+        """Plan for all nodes with a role of a mesh with reference ``points`` (n, d), and for further sets of nodes.
 
-        ``followed`` are the sets of nodes (k,) that sliding nodes follow.
+        ``followed``: the sets of nodes (k,) that sliding nodes follow.
 
-        With a boundary layer ``controls`` gives the control nodes that stand for them.
+        With a boundary layer ``controls`` returns the control nodes that replace them.
 
         There is no plan if the method reduces the control points, if two scales are not ``offered``, or if one scale is
         enough for all of them.
@@ -68,10 +68,10 @@ class TwoScalePlans:
 
 
 def plan_for(points: Floats, nodes: Integers, roles: BoundaryRoles, method: Method) -> TwoScalePlan:
-    """The plan for control nodes (c,) of the mesh ``points`` (n, d)."""
+    """Make the plan for control nodes (c,) of the mesh ``points`` (n, d)."""
     return TwoScalePlan.build(
         points[nodes],
-        ~np.isin(nodes, roles.fixed),  # sliding nodes move too
+        ~np.isin(nodes, roles.fixed),  # sliding nodes also move
         basis=method.basis,
         support_radius=method.support_radius,
         gridded=len(nodes) > AUTOMATIC_FROM,
