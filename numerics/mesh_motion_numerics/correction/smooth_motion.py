@@ -72,7 +72,7 @@ _ONSET = 0.9  # quality at which a cell resists …
 _LARGE, _LATE_ONSET = 30_000, 0.5  # … and in a mesh of more nodes: fewer are free there, or a step takes seconds
 _CHUNK = 1 << 19  # corners whose neighbours are counted together: a few hundred megabytes
 _PINNED = 1e-8  # σ below which a node keeps its plain position
-_TOLERANCE = 1e-9  # largest Newton step of a node, as a share of the mesh's extent
+_TOLERANCE = 1e-10  # largest Newton step of a node, as a share of the mesh's extent
 _ITERATIONS = 40
 _ARMIJO, _HALVINGS = 1e-4, 40
 _CONVEX = (0.0, 1 / 64, 1 / 16, 1 / 4, 1.0)  # parts of a Hessian, tried in turn until it is positive definite
@@ -99,8 +99,8 @@ class Law:
     """
 
     onset: float = -math.log(_ONSET)
-    stiffness: float = 16.0
-    power: float = 8.0
+    stiffness: float = 14.0
+    power: float = 5.0
     norm: PNorm = field(default_factory=lambda: PNorm(1.0, 16.0))
 
     @classmethod
@@ -333,7 +333,7 @@ class SmoothMotion:
             whole = exact and length == 1.0
             shrunk = (residual / last) ** 2 if whole and last < math.inf else math.inf
             next_step = residual * max(shrunk, 0.0 if region.is_factorized else accuracy)
-            if (residual < tolerance and (exact or residual < 1e-3 * tolerance)) or next_step < 1e-2 * tolerance:
+            if (residual < tolerance and (exact or residual < 1e-2 * tolerance)) or next_step < 1e-2 * tolerance:
                 return Smoothed(points, n, done + 1, True, residual)
             last, accuracy = (residual, min(ROUGH, shrunk)) if whole else (math.inf, ROUGH)
             if length < 1.0 or -slope >= 0.5 * max(energy, 1e-12):
