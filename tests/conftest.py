@@ -50,7 +50,6 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 @pytest.fixture(autouse=True)
 def broken_pipes_are_errors() -> Iterator[None]:
-    """Gmsh lets the process end at a broken pipe from its start on; the next test expects Python's way, an error."""
     yield
     signal.signal(signal.SIGPIPE, signal.SIG_IGN)
 
@@ -113,7 +112,6 @@ def c_kernels(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def plan_fault(tmp_path: Path) -> Iterator[Callable[[str], None]]:
-    """Lets a fault happen in this process, as a plan of failpoints names it: ``store.list=raise:EIO@1``."""
     folder = tmp_path / "failpoints"
     folder.mkdir(mode=0o700)
     failpoints.activate({failpoints.VARIABLE: str(folder)})

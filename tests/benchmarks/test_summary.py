@@ -29,7 +29,6 @@ from benchmarks.summary.plan import PLANS, Job
 
 
 def figures(nodes: int, step: float) -> Figures:
-    """Of a mesh of tetrahedra."""
     iteration, brief = Seconds(step, step / 2), Seconds(0.9 * step, step / 2.1)
     times = {"step": Seconds(2 * step, step), "iteration": iteration, "brief": brief, "judge_brief": Seconds(0.1, 0.04)}
     return replace(

@@ -92,8 +92,6 @@ def test_a_system_that_is_not_there_is_reported_not_failed(tmp_path: Path, monke
 
 
 class Failing:
-    """A system that stops in the middle."""
-
     label = "failing"
 
     def missing(self) -> None:

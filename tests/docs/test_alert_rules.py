@@ -25,7 +25,6 @@ PER_MINUTE = 4
 
 
 def rules() -> str:
-    """The page's block with the rules."""
     (block,) = (b for b in re.findall(r"```yaml\n(.*?)```", PAGE, re.DOTALL) if b.startswith("groups:"))
     return str(block)
 
@@ -103,7 +102,6 @@ CASES: list[tuple[str, list[dict[str, str]], list[float], list[float], dict[str,
 
 
 def as_test(alert: str, given: list[dict[str, str]], spoken: list[float], silent: list[float], labels: Any) -> Any:
-    """One of promtool's tests."""
     expected = [{"exp_labels": SCRAPED | labels} | ANNOTATED.get(alert, {})]
     asked = [(minute, expected) for minute in spoken] + [(minute, []) for minute in silent]
     return {
@@ -117,7 +115,6 @@ def as_test(alert: str, given: list[dict[str, str]], spoken: list[float], silent
 
 
 def verdict(folder: Path, text: str) -> subprocess.CompletedProcess[str]:
-    """What promtool says of these rules."""
     promtool = shutil.which("promtool")
     if promtool is None:
         pytest.skip("promtool (Debian: prometheus) is not installed")

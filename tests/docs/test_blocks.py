@@ -24,7 +24,6 @@ EXAMPLES = "tests/examples/test_examples.py"
 
 
 def runner_of(page: str) -> str:
-    """The test that runs a page's blocks; this one's own story for most."""
     own = f"tests/docs/test_{Path(page).stem}_page.py"
     if page.startswith("docs/") and (ROOT / own).exists():
         return own

@@ -54,12 +54,10 @@ def file_of(dotted: str) -> Path:
 
 
 def section(text: str, heading: str) -> str:
-    """From a heading of the second level to the next one."""
     return text.split(f"\n## {heading}\n")[1].split("\n## ", maxsplit=1)[0]
 
 
 def rows(text: str) -> Iterator[list[str]]:
-    """Cells of each line of the Markdown tables, headings too."""
     for line in text.splitlines():
         if line.startswith("| ") and not line.startswith("| ---"):
             yield [cell.strip() for cell in line.strip("| ").split(" | ")]
@@ -97,7 +95,6 @@ def missing_files(text: str) -> list[str]:
 
 
 def unknown_tests(text: str) -> list[str]:
-    """Tests that are not in the file that they link to."""
     linked = [(m["label"], DOCS / m["target"]) for m in _LINK.finditer(text) if m["label"].startswith("test_")]
     return [name for name, file in linked if f"\ndef {name}(" not in file.read_text(encoding="utf-8")]
 
@@ -160,7 +157,6 @@ def misplaced_studies(text: str) -> list[str]:
 
 
 def heading_of(study: str, text: str) -> str:
-    """Anchor of the heading under which a study's block stands, as GitHub names it."""
     headings = re.findall(r"^#+ (.+)$", text.partition(f"<!-- study: {study} -->")[0], re.MULTILINE)
     return re.sub(r"[^\w\- ]", "", headings[-1].lower()).replace(" ", "-")
 

@@ -20,7 +20,6 @@ CELL_KINDS = ("quad", "hexahedron", "wedge", "pyramid", "tetra", "quad + triangl
 
 @cache
 def box_mesh(kind: str, n: int = 10) -> BodyMesh:
-    """n boxes along each axis, cut into cells of the kind; in a mixed mesh the first type lies around the body."""
     d = 2 if kind in ("quad", "triangle", "quad + triangle") else 3
     points, boxes = _boxes(n, d)
     near = (np.abs(points[boxes].mean(axis=1) - 0.5) < 0.25).all(axis=1)
@@ -54,12 +53,10 @@ def _boxes(n: int, d: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _cut(boxes: np.ndarray, parts: tuple[tuple[int, ...], ...]) -> np.ndarray:
-    """Every box in parts."""
     return np.concatenate([boxes[:, part] for part in parts])
 
 
 def _oriented(points: np.ndarray, cells: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Mirror the cells of negative size."""
     out = {}
     for name, nodes in cells.items():
         negative = reference_sizes(points, CellTable.from_arrays({name: nodes})) < 0

@@ -36,6 +36,5 @@ def cloud(n, d, seed=0):
 
 
 def rotation(degrees: float) -> np.ndarray:
-    """(2, 2) rotation matrix."""
     a = np.deg2rad(degrees)
     return np.array([[np.cos(a), -np.sin(a)], [np.sin(a), np.cos(a)]])

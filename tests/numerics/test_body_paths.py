@@ -100,7 +100,6 @@ def test_bodies_that_change_places_go_around_each_other() -> None:
 
 
 def flap() -> tuple[np.ndarray, CellTable, np.ndarray]:
-    """Squares [0, 8] × [0, 8] around a flap of one square's thickness that stands on the floor; its nodes move."""
     n, axis = 8, np.arange(9.0)
     points = np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
     i, j = (a.ravel() for a in np.meshgrid(np.arange(n), np.arange(n), indexing="ij"))

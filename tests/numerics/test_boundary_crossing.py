@@ -15,7 +15,6 @@ from mesh_motion_numerics.mesh.boundary_facets import boundary_facets
 
 
 def facets_of(points: np.ndarray, **nodes: list[list[int]]) -> tuple[BoundaryFacets, np.ndarray]:
-    """Facets of which all nodes move."""
     every = np.arange(len(points))
     table = {name: np.array(rows) for name, rows in nodes.items()}
     return BoundaryFacets.build(table, every, every[:0], len(points)), np.asarray(points, dtype=float)

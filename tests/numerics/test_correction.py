@@ -149,7 +149,6 @@ def test_a_mesh_without_free_nodes_is_judged_as_it_is() -> None:
 
 
 def squeezed_line(distance: float = 0.15) -> CorrectionProblem:
-    """The case of thesis Table 4.1 with R = 0.2."""
     x = np.linspace(0, 1, 21)[:, None]
     n = np.arange(21)
     cells = CellTable.from_arrays({"line": np.column_stack([n[:-1], n[1:]])})

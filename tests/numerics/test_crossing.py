@@ -60,7 +60,6 @@ def leaflets(dimension: int, sides: str = "fixed", *, triangles: bool = False) -
 
 
 def closed(model: MotionModel, low: float, high: float, aside: float = 0.0) -> Floats:
-    """Targets: the lower leaflet longer by ``low`` and its tip ``aside``, the upper one longer by ``high``."""
     start = model.points[model.roles.moving]
     y, targets = start[:, 1], start.copy()
     targets[:, 1] += np.where(y < 0.5, low * y / 0.4, -high * (1.0 - y) / 0.4)

@@ -28,13 +28,11 @@ def measured(points: np.ndarray, cells: CellTable) -> FaceMeasures:
 
 
 def angles(points: np.ndarray, cells: CellTable) -> np.ndarray:
-    """All angles between cells, degrees."""
     centres, volumes = finite_volume._cell_geometry(points, cells)
     return finite_volume._measured(points, CellFacets.of(cells), centres, volumes)[0]
 
 
 def shaken(kind: str, share: float = 0.25, n: int = 5) -> tuple[np.ndarray, CellTable]:
-    """A mesh of boxes with every node moved by up to a share of a box's width, and bent."""
     mesh = box_mesh(kind, n)
     points = mesh.points + share / n * np.random.default_rng(7).uniform(-1, 1, mesh.points.shape)
     return points + 0.1 * np.sin(3 * points[:, ::-1]), mesh.cells

@@ -54,7 +54,6 @@ def test_slopes_are_the_derivatives(name, xi):
 
 
 def python_of(text):
-    """A formula of the table as a Python expression."""
     text = re.sub("[²-³⁴-⁸]", lambda power: f"**{unicodedata.digit(power[0])}", text)
     text = text.replace("√", "sqrt").replace("^", "**").replace("log ξ", "log(ξ)")
     return re.sub(r"(?<=[\dξ)]) ?(?=[ξ(]|log|exp)", "*", text)

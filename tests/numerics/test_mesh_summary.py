@@ -13,7 +13,6 @@ MESHES = dict(tiny_meshes(6))
 
 
 def shaken(points: np.ndarray, size: float, seed: int = 0) -> np.ndarray:
-    """Points, each moved by up to ``size`` along each axis."""
     return points + np.random.default_rng(seed).uniform(-size, size, points.shape)
 
 

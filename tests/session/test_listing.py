@@ -82,7 +82,6 @@ def five(tmp_path: Path) -> SessionStore:
 
 
 def driver_at_rest(store: SessionStore, session: str) -> Any:
-    """A session with a step, and who has driven it."""
     driver = make_driver(store, [grid_mesh()], session=session)
     driver.open()
     advance(driver, 1)
@@ -92,7 +91,6 @@ def driver_at_rest(store: SessionStore, session: str) -> Any:
 
 @pytest.fixture
 def reads(monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """The sessions whose manifests were read."""
     found: list[str] = []
 
     def counting(folder: Path, files: Any) -> Any:

@@ -38,7 +38,6 @@ if TYPE_CHECKING:
 
 @pytest.fixture
 def session(tmp_path: Path) -> Any:
-    """READY at step 0."""
     session = Session(SessionStore(tmp_path).create(make_spec()), ServerSettings(), StandIn)
     mesh = grid_mesh()
     session.add_part(0, Part("nodes", "", "", mesh.points))
@@ -262,7 +261,6 @@ def test_a_boundary_of_which_a_node_is_on_no_patch_does_not_determine_the_motion
 
 
 def with_a_trial(level: str) -> tuple[Session, FailingFiles]:
-    """A session in TRIAL of step 1, and its disk."""
     files = FailingFiles(ModelFiles(), for_ever=False)
     driver = make_driver(SessionStore("/state", files=files), [grid_mesh()], spec={"durability": level})
     driver.open()

@@ -64,7 +64,6 @@ def _required(own: Sequence[Distribution], extras: set[str]) -> list[Distributio
 
 
 def _link(found: Distribution, packages: Path) -> None:
-    """Its files, by links to their outermost folders."""
     for name in {path.parts[0] for path in found.files or () if path.parts[0] not in ("..", "__pycache__")}:
         source, link = Path(str(found.locate_file(name))), packages / name
         if not link.exists():
@@ -72,7 +71,6 @@ def _link(found: Distribution, packages: Path) -> None:
 
 
 def tracked() -> list[str]:
-    """What git keeps of the checkout, or will."""
     command = ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"]
     listed = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     if listed.returncode:
@@ -81,6 +79,5 @@ def tracked() -> list[str]:
 
 
 def names_in(wheel: Path) -> set[str]:
-    """The files of a wheel."""
     with zipfile.ZipFile(wheel) as archive:
         return set(archive.namelist())

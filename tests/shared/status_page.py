@@ -7,7 +7,6 @@ from tests.faults.waiting import wait_until
 
 
 def address_of(server):
-    """Where the pages of a server process are."""
     return server.announced["metrics"].replace("tcp://", "http://")
 
 

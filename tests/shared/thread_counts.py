@@ -7,7 +7,6 @@ from mesh_motion_numerics.threads import limited_to
 
 
 def on_one_and_on_all_threads(make: Callable[[], Any]) -> list[Any]:
-    """What is made on one thread, and on as many as there are."""
     found = []
     for limit in (1, None):
         with limited_to(limit):

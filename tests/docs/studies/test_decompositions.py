@@ -11,7 +11,6 @@ DIMENSIONS = pytest.mark.parametrize("d", [2, 3])
 
 
 def turn(angle: float, axis: tuple[float, float, float] | None = None) -> np.ndarray:
-    """Rotation matrix, in 2D without an axis, by Rodrigues' formula with one."""
     if axis is None:
         return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
     x, y, z = np.array(axis) / np.linalg.norm(axis)

@@ -13,7 +13,6 @@ from docs.studies.thesis._predictors import PREDICTORS, CallableField, Interpola
 
 
 def square(n: int) -> tuple[np.ndarray, CellTable]:
-    """Triangles and quads, n along a side."""
     mesh = box_mesh("quad + triangle", n)
     return mesh.points, mesh.cells
 

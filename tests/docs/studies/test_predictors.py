@@ -32,7 +32,6 @@ def test_an_affine_displacement_is_predicted_exactly(name, kind):
 
 
 def interpolated() -> tuple[np.ndarray, CellTable, np.ndarray, InterpolantField]:
-    """A mesh of tetrahedra, its sizes, and the displacement that its nodes get from some of them."""
     mesh = box_mesh("tetra", 6)
     control = mesh.points[::7]
     field = InterpolantField(factorize(control, support_radius=2.0).solve(0.1 * np.sin(4 * control[:, ::-1])))

@@ -22,7 +22,6 @@ KINDS = ("quad", "quad + triangle", "tetra", "hexahedron", "wedge", "pyramid")
 
 
 def moved_box(kind: str, *, size: float, radius: float = 0.8, n: int = 10) -> tuple[np.ndarray, CellTable, Interpolant]:
-    """A mesh and the interpolant of its body's displacement."""
     mesh = box_mesh(kind, n)
     displacement = np.zeros((len(mesh.outer) + len(mesh.body), mesh.points.shape[1]))
     displacement[len(mesh.outer) :, 0] = size

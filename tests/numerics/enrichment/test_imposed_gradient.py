@@ -16,7 +16,6 @@ NOWHERE = np.empty(0)
 
 
 def contraction(left, right, d_left, d_right):
-    """Boundary nodes and displacements: the ends stay, two nodes move."""
     return np.array([0.0, left, right, 1.0]), np.array([0.0, d_left, d_right, 0.0])
 
 

@@ -158,7 +158,6 @@ def test_coarse_points_are_shared_between_the_body_and_the_rest() -> None:
 
 
 def _bar(rows: int) -> tuple[Floats, CellTable, dict[str, Patch]]:
-    """A unit square of quads with its left side moving."""
     line = np.linspace(0.0, 1.0, rows + 1)
     points = np.stack(np.meshgrid(line, line, indexing="ij"), axis=-1).reshape(-1, 2)
     number = np.arange(len(points)).reshape(rows + 1, rows + 1)

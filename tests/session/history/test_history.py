@@ -62,7 +62,6 @@ def events_of(store: SessionStore) -> list[str]:
 
 
 def advance(driver: Any, step: int) -> None:
-    """A step that may be followed by any number of others."""
     driver.move(step, frame="reference")
     assert driver.all(Commit, step=step)[-1].type == "COMMITTED"
 

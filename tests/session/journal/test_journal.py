@@ -281,12 +281,10 @@ class Crowded(PosixFileSystem):
     replaced = False
 
     def rename(self, source: Path, target: Path) -> None:
-        """See FileSystem."""
         super().rename(source, target)
         self.replaced = True
 
     def create(self, path: Path, size: int) -> int:
-        """See FileSystem."""
         if self.replaced and path.name == "manifest.new":
             self.close(super().create(path, 0))
             raise OSError(errno.ENOSPC, "No space left on device")

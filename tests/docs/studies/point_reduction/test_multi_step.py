@@ -14,7 +14,6 @@ REDUCED = reduce(OF)
 
 
 def nodes_of(level: object) -> np.ndarray:
-    """Boundary nodes that a level stands on."""
     place = {tuple(x): i for i, x in enumerate(OF.points)}
     return np.array([place[tuple(x)] for x in level.control_points])  # type: ignore[attr-defined]
 
