@@ -111,16 +111,6 @@ def test_a_page_with_a_test_of_its_own_is_named_there() -> None:
     assert strangers == []
 
 
-def test_a_test_that_knows_nothing_of_a_block_is_found() -> None:
-    block = Block(1, "sh", "run by", "tests/x.py", "cd x && mesh-motion inspect a\npip install a\npython b.py -c\n")
-    assert ran(block) == {'"inspect"', "b.py"}
-    assert knows('run("inspect", folder, "b.py")', "docs/a.md", block)
-    assert knows("the blocks of docs/a.md", "docs/a.md", block)
-    assert not knows('inspect_folder("b.py")', "docs/a.md", block)
-    assert not knows('"inspect" "b.py"', "docs/a.md", Block(1, "python", "run by", "tests/x.py", block.text))
-    assert not knows("", "docs/a.md", Block(1, "sh", "run by", "tests/x.py", "pip install a\n"))
-
-
 def test_what_is_not_run_says_why() -> None:
     idle = [(page, block) for page, blocks in BLOCKS.items() for block in blocks if block.mark == "not run"]
     assert [f"{page}:{block.line}" for page, block in idle if len(block.value) < 10] == []

@@ -10,7 +10,6 @@ from mesh_motion_numerics.interpolation import evaluation
 from mesh_motion_numerics.interpolation.interpolant import factorize
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.quality.metrics import cell_quality, reference_sizes
-from mesh_motion_protocol.errors import InvalidInput
 
 from docs.studies.thesis._predictors import PREDICTORS, CallableField, InterpolantField, predict
 
@@ -48,20 +47,3 @@ def test_trial_nodes_are_exact_for_an_interpolant():
         for name in ("edge-midpoint-gradient", "centre-gradient")
     )
     assert edge < 0.3 * centre < 0.01
-
-
-def test_a_mesh_larger_than_one_batch(monkeypatch):
-    points, cells, sizes, field = interpolated()
-    for name in PREDICTORS:
-        whole = predict(name, points, cells, sizes, field)
-        monkeypatch.setattr("docs.studies.thesis._predictors._BATCH", 100)
-        parts = predict(name, points, cells, sizes, field)
-        monkeypatch.undo()
-        np.testing.assert_array_equal(whole.size, parts.size)
-        np.testing.assert_array_equal(whole.skew, parts.skew)
-
-
-def test_an_unknown_predictor_is_refused():
-    points, cells, sizes, field = interpolated()
-    with pytest.raises(InvalidInput, match="unknown predictor 'oracle'; known are trial-nodes, edge-midpoint-gradient"):
-        predict("oracle", points, cells, sizes, field)
