@@ -201,10 +201,7 @@ def diverging(opened: Any, monkeypatch: pytest.MonkeyPatch) -> Any:
 
 
 def test_a_recomputation_that_differs_is_refused(opened: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    with (
-        monkeypatch.context() as patch,
-        pytest.raises(DataLoss, match="computing step 1 again gave digest") as caught,
-    ):
+    with monkeypatch.context() as patch, pytest.raises(DataLoss, match="computing step 1 again gave digest") as caught:
         diverging(opened, patch)
     assert caught.value.code == "DATA_LOSS.RECOVERY_DIVERGED"
     assert caught.value.details["step"] == 1

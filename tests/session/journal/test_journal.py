@@ -308,11 +308,6 @@ def test_a_manifest_without_room_for_the_next_one_is_filled(tmp_path: Path, smal
     again.close()
 
 
-def test_the_record_area_in_bytes() -> None:
-    assert [record_area(partitions) for partitions in (1, 16, 17, 256)] == [20_480, 20_480, 24_576, 81_920]
-    assert record_area(17, commits=8) == 8 * 24_576
-
-
 @pytest.mark.parametrize(
     ("area", "log_bytes", "capacity"), [(20_480, 0, 1 << 20), (81_920, 0, 24 * 81_920), (20_480, 1 << 20, 3 << 20)]
 )
