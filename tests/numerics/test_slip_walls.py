@@ -12,11 +12,7 @@ from mesh_motion_numerics.method import Method
 from mesh_motion_numerics.motion.motion import MotionModel
 from mesh_motion_protocol.errors import QualityRefused
 
-CORNERS = {
-    "quad": ((0, 1, 3), (1, 2, 0), (2, 3, 1), (3, 0, 2)),
-    "triangle": ((0, 1, 2),),
-    "tetra": ((0, 1, 2, 3),),
-}
+CORNERS = {"quad": ((0, 1, 3), (1, 2, 0), (2, 3, 1), (3, 0, 2)), "triangle": ((0, 1, 2),), "tetra": ((0, 1, 2, 3),)}
 PLAIN = {"correction": "none", "allow_invalid": True}
 
 
