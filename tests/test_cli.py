@@ -27,8 +27,6 @@ Run = Callable[..., tuple[int, str, str]]
 
 @pytest.fixture
 def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Run:
-    """Run the command line in this process: exit status, standard output, standard error."""
-
     def run(*arguments: object) -> tuple[int, str, str]:
         monkeypatch.setattr(sys, "argv", ["mesh-motion", *map(str, arguments)])
         with pytest.raises(SystemExit) as ended:
@@ -41,7 +39,6 @@ def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> 
 
 
 def one_line(text: str) -> str:
-    """The text, which must be one line."""
     assert text.endswith("\n")
     assert text.count("\n") == 1, text
     assert "Traceback" not in text

@@ -15,7 +15,6 @@ _COMPILERS = re.compile(r"'(gcc|g\+\+|gfortran|mpicc|cmake|make|\./Allwmake)'|\b
 
 
 def limited_builds(source: str) -> Iterator[str]:
-    """Calls that run a compiler with a time limit of their own."""
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.Call) and any(k.arg in ("timeout", "patience") for k in node.keywords):
             command = ast.unparse(node.args[0]) if node.args else ""

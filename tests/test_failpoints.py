@@ -24,7 +24,6 @@ POINT, OTHER = "journal.commit.start", "worker.sent"
 
 
 def called(source: str) -> list[str]:
-    """Names of the points that a module calls."""
     calls = (node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.Call))
     return [
         ast.literal_eval(call.args[0]) for call in calls if getattr(call.func, "id", "") == "failpoint" and call.args

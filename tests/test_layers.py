@@ -91,7 +91,6 @@ def session_above(room: str) -> list[str]:
 
 
 def imported(module: str, tree: ast.AST) -> list[str]:
-    """Full names of everything imported anywhere in the module."""
     names: list[str] = []
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
@@ -104,7 +103,6 @@ def imported(module: str, tree: ast.AST) -> list[str]:
 
 
 def offences(module: str, source: str) -> list[str]:
-    """Imports of ``source`` that the rule forbids to ``module``."""
     names = imported(module, ast.parse(source))
     allowed = ALLOWED.get(module) or ALLOWED.get(module.split(".", maxsplit=1)[0], "none")
     names = [name for name in names if not within(name, allowed)]
@@ -112,7 +110,6 @@ def offences(module: str, source: str) -> list[str]:
 
 
 def within(name: str, package: str) -> bool:
-    """Whether a full name is the package or in it."""
     return name == package or name.startswith(package + ".")
 
 

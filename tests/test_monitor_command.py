@@ -125,7 +125,6 @@ class Terminal:
         return self.output
 
     def send(self, keys: str) -> None:
-        """Press keys."""
         os.write(self._end, keys.encode())
 
     def vanish(self) -> int:

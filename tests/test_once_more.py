@@ -54,12 +54,10 @@ _RED = {
 
 
 def some(kinds: dict[str, Any], *names: str) -> list[Any]:
-    """All kinds; those that are not named are left to the night."""
     return [kind if kind in names else pytest.param(kind, marks=pytest.mark.nightly) for kind in kinds]
 
 
 def ran(folder: Path, source: str, *options: str) -> tuple[int, str]:
-    """Status and output of a run of a file of tests, two at a time."""
     folder.joinpath("test_given.py").write_text(_PRELUDE + source + "\n", encoding="utf-8")
     folder.joinpath("ends_badly.py").write_text(
         "import os\ndef pytest_sessionfinish(session):\n    if hasattr(session.config, 'workerinput'): os._exit(3)\n"

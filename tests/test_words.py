@@ -18,7 +18,6 @@ WIDE = ("docs/run.md",)
 
 
 def tracked() -> list[str]:
-    """The files of the checkout."""
     listed = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=False)
     if listed.returncode:
         pytest.skip("not in a git checkout")

@@ -41,11 +41,6 @@ def test_faces_are_judged_at_the_end_and_at_rest() -> None:
     assert (verdict.faces_above_65, verdict.faces_above_75) == (0, 0)
 
 
-def test_a_halved_cell_has_size_one_half() -> None:
-    verdict = Judge(task((0, 0))).verdict([positions((0.5, 0.25))])
-    assert verdict.min_size == pytest.approx(0.5)
-
-
 def test_inverted_cells_are_counted_in_every_step() -> None:
     steps = [positions((0.5, -0.25)), positions((0.5, 0.5))]
     verdict = Judge(task((0, 0), (0, 0))).verdict(steps)

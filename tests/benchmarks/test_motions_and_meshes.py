@@ -8,8 +8,6 @@ from mesh_motion_numerics.mesh.boundary_facets import boundary_nodes
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.quality.metrics import reference_sizes
 
-from benchmarks.peers.comparison import CASES
-from benchmarks.peers.judge import Judge
 from benchmarks.peers.meshes import load_or_build
 from benchmarks.peers.motions import MOTIONS, RigidMotion
 
@@ -61,12 +59,3 @@ def test_bending_holds_the_root_and_moves_the_tip_by_equal_steps() -> None:
     np.testing.assert_allclose(steps[:, 2, 1], 0.008 * np.arange(1, 21))
     np.testing.assert_allclose(steps[-1, 1, 1], 0.16 * 0.25 * 2.5 / 2)
     np.testing.assert_allclose(MOTIONS["T2s"].displacements(x, 3), steps[:3], atol=1e-15)
-
-
-def test_a_case_is_named_after_what_it_is(folder: Path) -> None:
-    task = CASES["M1-T1-20"].task(folder)
-    assert task.steps == 20
-    judge = Judge(task)
-    assert judge.verdict([task.points] * 20).boundary_error == pytest.approx(
-        np.linalg.norm(task.displacements, axis=2).max()
-    )

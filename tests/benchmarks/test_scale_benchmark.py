@@ -1,7 +1,6 @@
 """The benchmark of growth: one small case end to end, the tables and the plot, and that the README shows every case."""
 
 import shutil
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,9 +10,9 @@ from scale_figures import FIGURES
 from benchmarks.scale import library
 from benchmarks.scale.__main__ import main
 from benchmarks.scale.cases import CASES, Case
-from benchmarks.scale.figures import MachineLimits, Rates, Seconds, WireFigures
+from benchmarks.scale.figures import Rates
 from benchmarks.scale.limits import machine_limits
-from benchmarks.scale.results import Results, exponent, growth, smaller
+from benchmarks.scale.results import Results
 from benchmarks.scale.truth import truth
 from benchmarks.scale.work import shares, work
 
@@ -48,11 +47,6 @@ def test_the_command_line_measures_the_library_and_the_wire(
     assert (tmp_path / "scale.png").exists()
 
 
-def test_a_correction_is_reported(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(Case, "method", {"correction": "optimised"})
-    assert library.measured(Case("M1", "large"), folder, repeat=1).corrected
-
-
 @pytest.mark.nightly
 @pytest.mark.skipif(not any(map(shutil.which, ("c++", "g++", "clang++"))), reason="no C++ compiler is installed")
 def test_the_machine_is_measured() -> None:
@@ -68,27 +62,6 @@ def test_the_machine_is_measured() -> None:
 
 
 RATES = Rates(triad=2.0e10, read=3.0e10, arithmetic=5.0e10, pairs=1.0e9)
-
-
-@pytest.fixture
-def results() -> Results:
-    found = Results(MachineLimits(2.0e10, 5.0e7, RATES, RATES, threads=2), "A machine.")
-    found.library["M3-steady"] = FIGURES
-    found.library["M4-steady"] = replace(FIGURES, nodes=500_000, step=Seconds(0.8, 0.9))
-    found.wire["M3-steady"] = WireFigures(
-        Seconds(0.9, 1.0), Seconds(0.2, 0.3), Seconds(0.1, 0.1), Seconds(0.05, 0.06), 0.05, 0.1, 60_000_000, 20_000_000
-    )
-    return found
-
-
-def test_growth_is_the_exponent_between_neighbouring_sizes(results: Results) -> None:
-    assert smaller(CASES["M4-steady"]) == "M3-steady"
-    assert smaller(CASES["M3-steady"]) is None
-    assert growth(results, "M4-steady") == pytest.approx(1.0)
-    assert growth(results, "M3-steady") is None
-    assert smaller(CASES["W3-steady"]) is None
-    assert exponent(results, "M3-steady", "M4-steady") == growth(results, "M4-steady")
-    assert exponent(results, "M3-steady", "M5-steady") is None
 
 
 def test_the_work_of_a_step() -> None:

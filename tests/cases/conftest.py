@@ -49,7 +49,6 @@ def square_with_hole(n: int = 12) -> MeshFile:
 
 
 def case_in(folder: Path, *replacements: tuple[str, str], mesh: MeshFile | None = None) -> Path:
-    """Write the case with some of its text replaced, and its mesh; return the case file."""
     text = TEXT
     for old, new in replacements:
         assert old in text
@@ -62,18 +61,15 @@ def case_in(folder: Path, *replacements: tuple[str, str], mesh: MeshFile | None 
 
 @pytest.fixture
 def make_case(tmp_path: Path) -> MakeCase:
-    """Write the case into a folder of the test's own."""
     return partial(case_in, tmp_path / "case")
 
 
 @pytest.fixture(scope="module")
 def make_module_case(tmp_path_factory: pytest.TempPathFactory) -> MakeCase:
-    """Write the case into a folder of the module."""
     return partial(case_in, tmp_path_factory.mktemp("module") / "case")
 
 
 @pytest.fixture(scope="session")
 def server() -> Iterator[Server]:
-    """A private server for all tests that go over the wire."""
     with connect() as server:
         yield server

@@ -72,7 +72,6 @@ def test_an_unusable_mesh_is_refused_by_its_first_offender(
 
 
 def su2_text(mesh: MeshFile) -> str:
-    """Triangles, and each node of a patch as a vertex of its marker."""
     lines = ["NDIME= 2", f"NELEM= {mesh.n_cells}"]
     lines += [f"5 {a} {b} {c}" for a, b, c in mesh.cells["triangle"].tolist()]
     lines += [f"NPOIN= {len(mesh.points)}", *(f"{x!r} {y!r}" for x, y in mesh.points.tolist())]

@@ -29,7 +29,6 @@ def snapshots(name: str, *, invert: bool = False) -> tuple[Snapshot, Snapshot]:
 
 
 def draw(path: Path, name: str, *, invert: bool = False) -> None:
-    """The picture of a tiny mesh."""
     pair, page = (
         MeshPair(name, "size-skew", *snapshots(name, invert=invert), ("at opening", "after step 1")),
         Page(dpi=120),

@@ -202,8 +202,6 @@ def recorded(folder: Path) -> Recorded:
 
 
 class Dropping(BoundaryLog):
-    """A seeded bug: one step is left out."""
-
     dropped = 4
 
     def __init__(self, session_folder: Path) -> None:

@@ -20,8 +20,6 @@ PYTHONPATH = os.pathsep.join([str(HERE), str(HERE.parent / "shared"), *filter(No
 
 
 class PlainServer(ServerProcess):
-    """The server under test."""
-
     def __init__(self, folder, **settings):
         environment = {"PYTHONPATH": PYTHONPATH, "PLAIN_FOLDER": str(folder)}
         super().__init__(folder, environment=environment, **{"lease_seconds": 1.0} | settings)
@@ -37,7 +35,6 @@ class PlainServer(ServerProcess):
 
     @contextlib.contextmanager
     def hold(self):
-        """Moves wait meanwhile."""
         path = self.folder / "hold"
         path.touch()
         try:
@@ -68,7 +65,6 @@ def server(lasting_server):
 
 @pytest.fixture(scope="module")
 def server_with(tmp_path_factory):
-    """Starts a server with these settings."""
     with contextlib.ExitStack() as stack:
         yield lambda **settings: stack.enter_context(running_server(tmp_path_factory.mktemp("server"), **settings))
 
@@ -100,7 +96,6 @@ def lasting_server(server_with):
 
 @pytest.fixture
 def mesh():
-    """A square of 4 × 4 nodes in triangles: the left side moves, the right one is fixed."""
     x = np.arange(4) / 4  # exact in binary
     points = np.stack(np.meshgrid(x, x), axis=-1).reshape(-1, 2)
     i = (np.arange(3)[:, None] * 4 + np.arange(3)).ravel()

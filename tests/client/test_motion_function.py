@@ -102,7 +102,6 @@ def test_pytorch_finds_the_derivatives_right(torch, torch_motion, session, size)
 
 
 def test_pytorch_goes_back_through_two_motions(torch, torch_motion):
-    """The second has replaced the trial of the first."""
     motion, points = torch_motion, torch.tensor(square(SIDE).points)
     size = torch.tensor(0.1, dtype=torch.float64, requires_grad=True)
     shape = torch.tensor(bulge(1.0))

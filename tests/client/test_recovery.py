@@ -24,7 +24,6 @@ def kill_worker(server, session):
 
 
 def listed(client, session):
-    """What the list says of a session."""
     return next(entry for entry in client.sessions() if entry["session"] == session.credentials.session)
 
 

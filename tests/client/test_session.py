@@ -139,7 +139,6 @@ def test_sessions_in_1d_and_3d(client):
 
 
 def square(count):
-    """With a flap that moves."""
     x = np.linspace(0, 1, count)
     points = np.stack(np.meshgrid(x, x), axis=-1).reshape(-1, 2)
     i = (np.arange(count - 1)[:, None] * count + np.arange(count - 1)).ravel()

@@ -13,7 +13,6 @@ pytestmark = pytest.mark.skipif(not SUPPORTED, reason="needs anonymous files of 
 
 @pytest.fixture
 def large_mesh():
-    """A strip of 2 × 40 000 nodes: a reply takes more than a megabyte."""
     count = 40_000
     points = np.stack(np.meshgrid(np.arange(count) / 64, np.arange(2) / 64), axis=-1).reshape(-1, 2)
     i = np.arange(count - 1)

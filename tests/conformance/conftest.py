@@ -15,13 +15,11 @@ SETTINGS = {"lease_seconds": 1.0, "collective_timeout_seconds": 1.0}
 
 @pytest.fixture(scope="session")
 def python_path():
-    """For programs that the tests start: the suite may not be installed yet."""
     return os.pathsep.join([*map(str, (ROOT / "protocol" / "conformance",)), *sys.path])
 
 
 @pytest.fixture(scope="module")
 def our_server(tmp_path_factory):
-    """The endpoint of our server, as it is installed."""
     folder = tmp_path_factory.mktemp("conformance")
     with ServerProcess(folder, level="error", **SETTINGS) as server:
         yield server.endpoint

@@ -97,8 +97,6 @@ def test_no_case_is_made_from_the_implementation():
 
 
 class Plain:
-    """A stage that does nothing."""
-
     sent = "PING #1 {}"
 
     def between(self):

@@ -16,20 +16,17 @@ from tests.faults.server_process import ServerProcess  # noqa: E402
 
 @pytest.fixture(scope="module")
 def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServerProcess]:
-    """A server for all tests of a module."""
     with ServerProcess(tmp_path_factory.mktemp("server")) as running:
         yield running
 
 
 @pytest.fixture(scope="module")
 def cluster() -> Iterator[Any]:
-    """Three workers for all tests that do no harm to them."""
     with workers(3) as client:
         yield client
 
 
 @pytest.fixture
 def fragile_cluster() -> Iterator[Any]:
-    """Two workers to be killed."""
     with workers(2) as client:
         yield client

@@ -392,7 +392,6 @@ def test_a_node_without_a_cell_is_refused_by_its_rank(server):
 
 
 def velocities(session, part):
-    """Two vectors of the moving nodes, and weights of all."""
     x = part.points[session.moving_nodes]
     return np.stack([np.sin(5.0 * x + 1.0), np.cos(3.0 * x[:, ::-1])]), np.sin(7.0 * part.points[:, ::-1] + 2.0)
 

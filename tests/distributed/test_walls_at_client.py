@@ -15,7 +15,6 @@ from tests.faults.server_process import ServerProcess
 
 
 def with_roles(mesh, roles):
-    """The mesh with other roles of some patches."""
     points, cells, patches = mesh
     return points, cells, patches | {name: Patch(role, patches[name].nodes) for name, role in roles.items()}
 

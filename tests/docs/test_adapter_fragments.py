@@ -84,13 +84,6 @@ def test_a_fragment_compiles(language: str, fragment: str, tmp_path: Path) -> No
     assert done.returncode == 0, done.stderr
 
 
-@pytest.mark.parametrize(("language", "fragment"), fragments(), ids=lambda text: text.splitlines()[0][:30])
-def test_a_call_that_there_is_not_is_found(language: str, fragment: str, tmp_path: Path) -> None:
-    wrong = re.sub(r"build\(", "bild(", fragment)
-    assert wrong != fragment
-    assert compiled(language, program(language, wrong), tmp_path).returncode != 0
-
-
 def test_the_file_of_the_precice_participant_is_one(tmp_path: Path) -> None:
     page = (ROOT / "adapters" / "precice" / "README.md").read_text(encoding="utf-8")
     (block,) = re.findall(r"```toml\n(.*?)```", page, re.DOTALL)

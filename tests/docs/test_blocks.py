@@ -24,7 +24,6 @@ EXAMPLES = "tests/examples/test_examples.py"
 
 
 def runner_of(page: str) -> str:
-    """The test that runs a page's blocks; this one's own story for most."""
     own = f"tests/docs/test_{Path(page).stem}_page.py"
     if page.startswith("docs/") and (ROOT / own).exists():
         return own
@@ -110,16 +109,6 @@ def test_a_page_with_a_test_of_its_own_is_named_there() -> None:
         if steps_of(blocks) and test.name not in ("test_blocks.py", Path(EXAMPLES).name):
             strangers += [page] * (not any(name in file.read_text("utf-8") for file in files for name in names))
     assert strangers == []
-
-
-def test_a_test_that_knows_nothing_of_a_block_is_found() -> None:
-    block = Block(1, "sh", "run by", "tests/x.py", "cd x && mesh-motion inspect a\npip install a\npython b.py -c\n")
-    assert ran(block) == {'"inspect"', "b.py"}
-    assert knows('run("inspect", folder, "b.py")', "docs/a.md", block)
-    assert knows("the blocks of docs/a.md", "docs/a.md", block)
-    assert not knows('inspect_folder("b.py")', "docs/a.md", block)
-    assert not knows('"inspect" "b.py"', "docs/a.md", Block(1, "python", "run by", "tests/x.py", block.text))
-    assert not knows("", "docs/a.md", Block(1, "sh", "run by", "tests/x.py", "pip install a\n"))
 
 
 def test_what_is_not_run_says_why() -> None:

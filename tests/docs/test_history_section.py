@@ -25,7 +25,6 @@ PAGE = (Path(__file__).parents[2] / "docs" / "operations.md").read_text(encoding
 
 
 def record(state: Path) -> None:
-    """A session of three steps in a state folder."""
     mesh = grid_mesh(9)
     sides = np.flatnonzero(((mesh.points == 0) | (mesh.points == 1)).any(axis=1))
     left = mesh.patches["left"].nodes

@@ -2,18 +2,14 @@
 
 import re
 from importlib import import_module
-from itertools import product
 from pathlib import Path
 
-import numpy as np
 import pytest
-from PIL import Image
 
 from docs.studies.catalogue import PAGES, names
 from docs.studies.catalogue import study as study_named
 from docs.studies.page import DOCS, fill, marked, render
-from docs.studies.study import Outcome, Picture, Study, Table, save_picture
-from docs.studies.thesis.table_5_3_parametric_study import Sweep, best_jacobian
+from docs.studies.study import Table
 
 ALL = [(page, name) for page in PAGES for name in names(page)]
 
@@ -71,11 +67,6 @@ def test_a_table_is_markdown_with_significant_digits() -> None:
     assert table.column("a") == ["x", 3]
 
 
-def test_a_row_of_another_length_is_refused() -> None:
-    with pytest.raises(ValueError, match="expected 2 cells"):
-        Table(("a", "b"), [("x",)])
-
-
 def test_a_study_without_a_marker_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("docs.studies.page.DOCS", tmp_path)
     (tmp_path / "thesis.md").write_text("before\n<!-- study: one -->\nold\n<!-- end -->\nafter\n")
@@ -83,32 +74,3 @@ def test_a_study_without_a_marker_is_refused(tmp_path: Path, monkeypatch: pytest
     assert (tmp_path / "thesis.md").read_text() == "before\n<!-- study: one -->\nnew\n<!-- end -->\nafter\n"
     with pytest.raises(ValueError, match="<!-- study: two -->"):
         fill("thesis", "two", "new\n")
-
-
-def test_pictures_are_drawn_and_shown(tmp_path: Path) -> None:
-    picture = Picture(lambda figure: figure.subplots().plot([0, 1]), "A line")
-    shown = render(
-        "one", Study("T", "Fig 0", lambda quick: Outcome(), lambda o: None), Outcome((), [picture]), tmp_path
-    )
-    assert "![A line](studies/pictures/one.png)" in shown
-    assert (tmp_path / "one.png").stat().st_size > 1000
-
-
-def test_a_large_picture_gets_few_colours(tmp_path: Path) -> None:
-    noise = np.random.default_rng(1).random((400, 900, 3))
-    save_picture(Picture(lambda figure: figure.subplots().imshow(noise)), tmp_path / "one.png")
-    with Image.open(tmp_path / "one.png") as image:
-        assert image.mode == "P"
-
-
-def test_the_best_jacobian_is_that_of_trying_them_all() -> None:
-    rng = np.random.default_rng(0)
-    standard = np.eye(2) + 0.3 * rng.normal(size=(40, 2, 2))
-    sweep = Sweep(standard, 0.2 * rng.normal(size=(40, 2, 2)), np.eye(2), np.zeros((0, 2)))
-    values = np.linspace(-2.0, 3.0, 6)
-    best, found = best_jacobian(sweep, values)
-    every = np.array(list(product(values, repeat=4))).reshape(-1, 2, 2)
-    tau = np.linalg.det(standard + np.einsum("nik,ckj->ncij", every - np.eye(2), sweep.response))
-    least = np.where(np.abs(tau) > 1.0, 1.0 / tau, tau).min(axis=1)
-    assert best == pytest.approx(least.max())
-    assert np.array_equal(found, every[least.argmax()])

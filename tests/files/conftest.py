@@ -14,7 +14,6 @@ Cells = dict[str, NDArray[np.int64]]
 
 @pytest.fixture
 def all_solids() -> tuple[NDArray[np.float64], Cells]:
-    """A hexahedron with a pyramid on top, a wedge at its side, a tetrahedron at the wedge; all of positive size."""
     points = np.array(
         [
             [0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1],

@@ -86,7 +86,6 @@ print(grid.GetNumberOfPoints(), sorted((t, types.count(t)) for t in set(types)))
 
 
 def vtk_counts(path: Path) -> str:
-    """Nodes and cells by VTK's types, as VTK's own reader finds them, in a process of its own."""
     pytest.importorskip("vtkmodules.vtkIOCGNSReader")
     return said_by_python("-c", VTK_COUNTS, path, timeout=120).strip()
 

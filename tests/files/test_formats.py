@@ -661,7 +661,6 @@ def test_curved_meshes_of_mfem_have_their_patches_between_vertices(tmp_path: Pat
 
 @pytest.mark.parametrize("form", ["XML", "HDF", "Binary"])
 def test_meshio_writes_mixed_topologies_of_xdmf(tmp_path: Path, form: str) -> None:
-    """A peer: cells of two kinds and the edges of their boundary in one list, patches by numbers."""
     meshio = pytest.importorskip("meshio")
     points = np.array([[0.0, 0], [1, 0], [1, 1], [0, 1], [2, 0.5]])
     cells = [("line", [[0, 1], [1, 4]]), ("quad", [[0, 1, 2, 3]]), ("triangle", [[1, 4, 2]])]

@@ -32,7 +32,6 @@ def save(path: Path, version: float, binary: int) -> Path:
 
 
 def square(model: Any, *, recombine: bool = False) -> None:
-    """The unit square: patches bottom and sides, the corner (0, 0) in both "sides" and "pin"; a half of quads."""
     left = model.occ.addRectangle(0, 0, 0, 0.5, 1)
     right = model.occ.addRectangle(0.5, 0, 0, 0.5, 1)
     model.occ.fragment([(2, left)], [(2, right)])
@@ -64,7 +63,6 @@ def test_mixed_2d_mesh_with_overlapping_groups(model: Any, tmp_path: Path, versi
 
 
 def _areas(polygons: np.ndarray) -> np.ndarray:
-    """Signed areas of (m, k, 2) polygons."""
     x, y = polygons[..., 0], polygons[..., 1]
     return 0.5 * (x * np.roll(y, -1, axis=1) - np.roll(x, -1, axis=1) * y).sum(axis=1)
 
@@ -132,7 +130,6 @@ def test_without_groups_the_curves_of_the_geometry_are_patches(
 
 
 def numbers(path: Path) -> list[float | str]:
-    """The words of a text; those that are numbers as numbers."""
     return [float(word) if word[-1:].isdigit() else word for word in path.read_text().split()]
 
 

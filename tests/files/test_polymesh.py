@@ -31,7 +31,6 @@ FINE = foam.BOX.replace("(6 4 5)", "(12 8 10)").replace("(2 1 3)", "(1 1 1)")
 
 @pytest.fixture(scope="session")
 def foam_case(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
-    """A case of each kind, meshed once."""
     made: dict[str, Path] = {}
 
     def make(name: str) -> Path:

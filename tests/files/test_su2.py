@@ -109,7 +109,6 @@ def test_damaged_files_give_one_clear_line(tmp_path: Path, old: str, new: str, m
 
 
 def with_rows(text: str, *changes: tuple[str, str]) -> str:
-    """The file with other lines."""
     for old, new in changes:
         assert old in text
         text = text.replace(old, new)

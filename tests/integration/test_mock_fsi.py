@@ -42,7 +42,6 @@ def monolithic_tip(points: np.ndarray, steps: int) -> np.ndarray:
 
 @pytest.fixture
 def solid_endpoint():
-    """A solid participant in its own process."""
     command = [sys.executable, str(EXAMPLES / "mock_fsi" / "solid.py"), "--bind", "tcp://127.0.0.1:*", "--dt", str(DT)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         yield process.stdout.readline().rsplit(maxsplit=1)[-1]

@@ -21,8 +21,6 @@ _TRIALS = 12
 
 
 class Kept(Recorder):
-    """Keeps calls instead of writing them."""
-
     def __init__(self) -> None:
         super().__init__(sys.stdout.buffer)
         self.kept: dict[str, list[tuple[Any, ...]]] = {name: [] for name in LOOPS}
@@ -34,7 +32,6 @@ class Kept(Recorder):
 
 
 def arrays_in(arguments: Any) -> Iterator[np.ndarray]:
-    """Those of whole numbers."""
     if isinstance(arguments, tuple | list):
         for each in arguments:
             yield from arrays_in(each)
@@ -56,7 +53,6 @@ def corrupted(call: tuple[Any, ...], rng: np.random.Generator, name: str) -> Ite
 
 
 def finding(name: str, loop: Any, calls: list[tuple[Any, ...]]) -> str:
-    """What is wrong with a loop, if anything is."""
     rng = np.random.default_rng(0)
     for call in calls:
         for arguments in corrupted(call, rng, name):

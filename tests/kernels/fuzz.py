@@ -38,7 +38,6 @@ class Guarded(NamedTuple):
 
 
 def loops() -> list[str]:
-    """Names of the functions of the extension."""
     return sorted(name for name, found in vars(kernels).items() if hasattr(found, "__nb_signature__"))
 
 
@@ -130,7 +129,6 @@ def drawn(expected: list[Parameter], rng: np.random.Generator) -> tuple[list[Any
 
 
 def shown(value: Any) -> Any:
-    """An argument with the shapes of its arrays."""
     return type(value)(map(shown, value)) if isinstance(value, list | tuple) else getattr(value, "shape", value)
 
 

@@ -45,7 +45,6 @@ CASES: dict[str, tuple[str, int, float, Method]] = {
 
 
 def moved(name: str) -> str:
-    """A digest of the coordinates and of the qualities of a move of a case."""
     kind, boxes, degrees, method = CASES[name]
     mesh = box_mesh("hexahedron" if kind == "tetra" else kind, boxes)
     cells = mesh.cells

@@ -26,7 +26,6 @@ def _digests(level: str) -> dict[tuple[str, str], str]:
 
 @pytest.fixture(scope="module")
 def expected() -> dict[str, str]:
-    """By case, of the narrowest vectors on one thread."""
     return {case: digest for (case, threads), digest in _digests(LEVELS[0]).items() if threads == "1"}
 
 

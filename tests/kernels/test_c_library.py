@@ -110,7 +110,6 @@ def spline_handle(library: ctypes.CDLL, spline: NestedSpline) -> Handle:
 def interpolant(
     basis: str, d: int, k: int, radius: float, *, polynomial: bool = False, n: int = 700, clusters: int = 0
 ) -> Interpolant:
-    """Centres in the unit cube; those of clusters lie within a radius."""
     rng = np.random.default_rng([d, k, n])
     points, weights, row = rng.random((n, d)), rng.normal(size=(n, k)), BASES[basis]
     if clusters:
@@ -120,7 +119,6 @@ def interpolant(
 
 
 def places(d: int, n: int = 3000) -> Array:
-    """In, around and far from the unit cube."""
     rng = np.random.default_rng(7)
     return np.vstack([rng.random((n, d)), rng.uniform(-1.0, 2.0, (n // 4, d)), 1e6 * rng.normal(size=(20, d))])
 
@@ -215,8 +213,6 @@ class Quality(ctypes.Structure):
 
 
 class Mesh(NamedTuple):
-    """Cells at rest and moved."""
-
     cells: CellTable
     rest: Array
     moved: Array
@@ -379,7 +375,6 @@ def test_wrong_arguments_are_refused(library: ctypes.CDLL, call: Call, message: 
 
 
 def square_in_a_square() -> tuple[CellTable, Array, Array]:
-    """The mesh of the examples: cells, nodes, and their displacement by the server's interpolation."""
     j, i = np.divmod(np.arange(169), 13)
     hole = (i > 4) & (i < 8) & (j > 4) & (j < 8)
     number = np.where(hole, -1, np.cumsum(~hole) - 1).reshape(13, 13)

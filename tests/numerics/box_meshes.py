@@ -4,11 +4,10 @@ from functools import cache
 
 import numpy as np
 from correction_cases import BodyMesh
+from frame_meshes import tensor_grid, without_unused
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.quality.metrics import reference_sizes
 
-_QUAD = ((0, 0), (1, 0), (1, 1), (0, 1))
-_HEXAHEDRON = tuple((x, y, z) for z in (0, 1) for x, y in _QUAD)
 _TRIANGLES = ((0, 1, 2), (0, 2, 3))
 _WEDGES = ((0, 1, 2, 4, 5, 6), (0, 2, 3, 4, 6, 7))
 _TETRAHEDRA = ((0, 1, 2, 6), (0, 2, 3, 6), (0, 3, 7, 6), (0, 7, 4, 6), (0, 4, 5, 6), (0, 5, 1, 6))
@@ -20,7 +19,6 @@ CELL_KINDS = ("quad", "hexahedron", "wedge", "pyramid", "tetra", "quad + triangl
 
 @cache
 def box_mesh(kind: str, n: int = 10) -> BodyMesh:
-    """n boxes along each axis, cut into cells of the kind; in a mixed mesh the first type lies around the body."""
     d = 2 if kind in ("quad", "triangle", "quad + triangle") else 3
     points, boxes = _boxes(n, d)
     near = (np.abs(points[boxes].mean(axis=1) - 0.5) < 0.25).all(axis=1)
@@ -43,23 +41,15 @@ def box_mesh(kind: str, n: int = 10) -> BodyMesh:
 
 def _boxes(n: int, d: int) -> tuple[np.ndarray, np.ndarray]:
     """Points and quads or hexahedra of a uniform grid, without the body's."""
-    axis = np.linspace(0.0, 1.0, n + 1)
-    points = np.stack(np.meshgrid(*[axis] * d, indexing="ij"), axis=-1).reshape(-1, d)
-    number = np.arange(len(points)).reshape((n + 1,) * d)
-    corners = _QUAD if d == 2 else _HEXAHEDRON
-    boxes = np.stack([number[tuple(slice(a, a + n) for a in corner)].ravel() for corner in corners], axis=1)
-    boxes = boxes[~(np.abs(points[boxes].mean(axis=1) - 0.5) < 0.1).all(axis=1)]
-    used, numbers = np.unique(boxes, return_inverse=True)
-    return points[used], numbers.reshape(boxes.shape)
+    points, boxes = tensor_grid(*[np.linspace(0.0, 1.0, n + 1)] * d)
+    return without_unused(points, boxes[~(np.abs(points[boxes].mean(axis=1) - 0.5) < 0.1).all(axis=1)])
 
 
 def _cut(boxes: np.ndarray, parts: tuple[tuple[int, ...], ...]) -> np.ndarray:
-    """Every box in parts."""
     return np.concatenate([boxes[:, part] for part in parts])
 
 
 def _oriented(points: np.ndarray, cells: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Mirror the cells of negative size."""
     out = {}
     for name, nodes in cells.items():
         negative = reference_sizes(points, CellTable.from_arrays({name: nodes})) < 0

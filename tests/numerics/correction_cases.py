@@ -42,7 +42,6 @@ class BodyMesh:
 
 @cache
 def stored(name: str) -> BodyMesh:
-    """A mesh of tests/references."""
     with np.load(REFERENCES / f"{name}.npz") as data:
         cells = {key.removeprefix("cells_"): data[key] for key in data if key.startswith("cells_")}
         body = data["patch_body"] if "patch_body" in data else data["patch_block"]
@@ -51,7 +50,6 @@ def stored(name: str) -> BodyMesh:
 
 @cache
 def boundary_factor(mesh: BodyMesh) -> Factorization:
-    """The interpolation from the boundary of a mesh."""
     return factorize(mesh.points[mesh.held], support_radius=RADIUS)
 
 
@@ -105,7 +103,6 @@ CASES = {
 
 @cache
 def case(name: str) -> CorrectionProblem:
-    """A named case's standard motion."""
     reference, displacement = CASES[name]
     mesh = stored(reference)
     return moved(mesh, displacement(mesh))
@@ -120,7 +117,6 @@ THESIS = {
 
 
 def thesis_case(name: str) -> CorrectionProblem:
-    """A motion of the thesis in one step."""
     reference, translation, degrees = THESIS[name]
     mesh = stored(reference)
     return moved(mesh, rigid(mesh, translation, degrees))

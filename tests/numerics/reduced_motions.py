@@ -35,7 +35,6 @@ BOUNDARIES = {"slab": (slab, 0.5), "wing": (wing, 0.8)}
 
 
 def problem(name: str, **choices: object) -> ReductionProblem:
-    """The reduction problem of a named boundary."""
     boundary, radius = BOUNDARIES[name]
     return ReductionProblem(*boundary(), **{"support_radius": radius, **choices})
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from box_meshes import box_mesh
 from correction_cases import squeezed, stored
-from frame_meshes import rotation, square_frame
+from frame_meshes import rotation, square_frame, tensor_grid, without_unused
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.motion.body_paths import moving_bodies, straight_way, ways
 
@@ -100,17 +100,11 @@ def test_bodies_that_change_places_go_around_each_other() -> None:
 
 
 def flap() -> tuple[np.ndarray, CellTable, np.ndarray]:
-    """Squares [0, 8] × [0, 8] around a flap of one square's thickness that stands on the floor; its nodes move."""
-    n, axis = 8, np.arange(9.0)
-    points = np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
-    i, j = (a.ravel() for a in np.meshgrid(np.arange(n), np.arange(n), indexing="ij"))
-    keep = ~((i == 4) & (j < 4))
-    corner = (i * (n + 1) + j)[keep]
-    quads = np.column_stack([corner, corner + n + 1, corner + n + 2, corner + 1])
-    used, numbers = np.unique(quads, return_inverse=True)
-    points = points[used]
+    points, quads = tensor_grid(np.arange(9.0), np.arange(9.0))
+    x, y = points[quads].mean(axis=1).T
+    points, quads = without_unused(points, quads[~((x == 4.5) & (y < 4.0))])
     moving = np.flatnonzero((points[:, 0] >= 4) & (points[:, 0] <= 5) & (points[:, 1] <= 4))
-    return points, CellTable.from_arrays({"quad": numbers.reshape(-1, 4)}), moving
+    return points, CellTable.from_arrays({"quad": quads}), moving
 
 
 def test_a_body_that_hangs_on_the_wall_turns_about_its_seam() -> None:

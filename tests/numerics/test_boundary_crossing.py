@@ -2,8 +2,6 @@
 
 import numpy as np
 import pytest
-from box_meshes import box_mesh
-from correction_cases import stored
 from frame_meshes import rotation
 from mesh_motion_numerics.mesh.boundary_crossing import (
     BoundaryFacets,
@@ -11,11 +9,9 @@ from mesh_motion_numerics.mesh.boundary_crossing import (
     straddling_place,
     touching_facets,
 )
-from mesh_motion_numerics.mesh.boundary_facets import boundary_facets
 
 
 def facets_of(points: np.ndarray, **nodes: list[list[int]]) -> tuple[BoundaryFacets, np.ndarray]:
-    """Facets of which all nodes move."""
     every = np.arange(len(points))
     table = {name: np.array(rows) for name, rows in nodes.items()}
     return BoundaryFacets.build(table, every, every[:0], len(points)), np.asarray(points, dtype=float)
@@ -133,35 +129,6 @@ def test_quads_of_either_diagonal() -> None:
     assert crossing_place(*facets_of(np.vstack([quad, through]), quad=[[0, 1, 2, 3], [4, 5, 6, 7]])) is not None
     next_to = through + np.array([1.0, 0.0, 0.0])
     assert crossing_place(*facets_of(np.vstack([quad, next_to]), quad=[[0, 1, 2, 3], [4, 5, 6, 7]])) is None
-
-
-@pytest.mark.parametrize("kind", ["quad", "tetra", "hexahedron", "wedge", "hexahedron + wedge"])
-def test_a_body_that_turns_does_not_and_one_in_the_wall_does(kind: str) -> None:
-    mesh = box_mesh(kind, 5)
-    d = mesh.points.shape[1]
-    boundary = BoundaryFacets.build(boundary_facets(mesh.cells), mesh.body, mesh.outer, len(mesh.points))
-    assert crossing_place(boundary, mesh.points) is None
-    for degrees, shift, crosses in ((30.0, 0.0, False), (180.0, 0.3, False), (20.0, 0.45, True), (20.0, 0.9, False)):
-        points = mesh.points.copy()
-        x = points[mesh.body] - 0.5
-        x[:, :2] = x[:, :2] @ rotation(degrees).T
-        x[:, 0] += shift
-        x[:, -1] += 0.03  # no edge of the body meets one of the wall exactly
-        points[mesh.body] = x + 0.5
-        place = crossing_place(boundary, points)
-        assert (place is not None) == crosses, (degrees, shift)
-        if place is not None:
-            assert np.abs(place - np.array([1.0, *[0.5] * (d - 1)])).max() < 0.3
-
-
-def test_two_bodies_cross_each_other_but_not_when_they_only_come_near() -> None:
-    mesh = stored("correction_two_blocks")
-    boundary = BoundaryFacets.build(boundary_facets(mesh.cells), mesh.body, mesh.outer, len(mesh.points))
-    left = mesh.body[mesh.points[mesh.body, 0] < 0.5]
-    for shift, crosses in ((0.299, False), (0.31, True)):
-        points = mesh.points.copy()
-        points[left] += (shift, 0.02)
-        assert (crossing_place(boundary, points) is not None) == crosses
 
 
 def test_large_and_small_facets_find_each_other() -> None:

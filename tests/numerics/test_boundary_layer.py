@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from box_meshes import box_mesh
 from carried_layers import with_layer
-from frame_meshes import rotation, square_frame
+from frame_meshes import rotation, square_frame, tensor_grid
 from mesh_motion_numerics.interpolation.factor_source import MakeEachTime
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.mesh.roles import Patch
@@ -123,12 +123,7 @@ def test_no_correction_moves_the_layer() -> None:
 
 
 @pytest.mark.parametrize(
-    "choices",
-    [
-        {"reduction": "greedy"},
-        {"basis": "tps", "correction": "none"},
-        {"support_radius": 1.5},
-    ],
+    "choices", [{"reduction": "greedy"}, {"basis": "tps", "correction": "none"}, {"support_radius": 1.5}]
 )
 def test_the_layer_is_carried_whatever_the_rest_is_interpolated_by(choices: dict[str, object]) -> None:
     model = model_of(**choices)
@@ -223,11 +218,8 @@ def test_cells_that_carrying_alone_would_spoil_are_freed() -> None:
 
 def concave():
     """A box of squares whose floor moves: its right part can be lifted."""
-    n = 20
-    axis = np.linspace(0.0, 1.0, n + 1)
-    points = np.stack(np.meshgrid(axis, axis + 0.4, indexing="ij"), axis=-1).reshape(-1, 2)
-    number = np.arange(len(points)).reshape(n + 1, n + 1)
-    quads = np.stack([number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]], axis=-1).reshape(-1, 4)
+    axis = np.linspace(0.0, 1.0, 21)
+    points, quads = tensor_grid(axis, axis + 0.4)
     floor, lid = np.flatnonzero(points[:, 1] == 0.4), np.flatnonzero(points[:, 1] == points[:, 1].max())
     sides = np.flatnonzero((points[:, 0] == 0.0) | (points[:, 0] == 1.0))
     patches = {"floor": Patch("moving", floor), "lid": Patch("fixed", lid), "sides": Patch("slip", sides)}

@@ -15,7 +15,6 @@ def wall_of(points: np.ndarray, cells, body: np.ndarray) -> MovingWall:
 
 
 def turns() -> np.ndarray:
-    """A rotation (3, 3) about no axis of coordinates."""
     about_z, about_x = np.eye(3), np.eye(3)
     about_z[:2, :2], about_x[1:, 1:] = rotation(130.0), rotation(-50.0)
     return about_z @ about_x

@@ -16,7 +16,6 @@ NORMS = (PNorm(8, 2, of="cells"), PNorm(60, 8, of="cells", size_weight=1.0))
 
 
 def shaken(kind: str, size: float = 0.02, *, relative: bool = False) -> tuple[np.ndarray, FreeRegion]:
-    """Local points of a small mesh with all of its interior free, and shaken."""
     mesh = box_mesh(kind, 5)
     sizes = cells_at_rest(mesh.points, mesh.cells) if relative else mesh.sizes
     region = free_region(mesh.points, mesh.cells, sizes, ~mesh.held)

@@ -51,12 +51,6 @@ def test_a_tiny_radius_does_not_make_a_huge_grid():
     assert layout.starts.size <= 64 * 100 + 1
 
 
-def test_the_order_is_that_of_the_sorted_centres():
-    centres = np.random.default_rng(0).random((300, 2))
-    layout = CentreLayout.build(centres, C2, 0.05)
-    assert np.array_equal(centres[layout.order].T, layout.coordinates[:2])
-
-
 def test_one_centre_and_points_on_a_line():
     assert CentreLayout.build(np.zeros((1, 3)), C2, 0.1).n_centres == 1
     line = np.column_stack([np.linspace(0, 1, 200), np.zeros(200), np.zeros(200)])

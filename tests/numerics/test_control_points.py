@@ -23,11 +23,6 @@ def test_two_that_coincide_are_named(copies, offset):
     assert caught.value.details["control_points"][0] == 11
 
 
-def test_all_in_one_place():
-    with pytest.raises(InvalidInput, match="coincide"):
-        checked_control_points(np.ones((4, 2)))
-
-
 def test_close_points_of_a_fine_mesh_are_fine():
     points = np.linspace(0, 1e-9, 5)[:, None] + [[0.0, 0.0]] * 5
     assert len(checked_control_points(np.vstack([points, [[1.0, 1.0]]]))) == 6

@@ -6,13 +6,7 @@ import numpy as np
 import pytest
 from box_meshes import box_mesh
 from correction_cases import CASES, RADIUS, case, moved, rigid, stored
-from mesh_motion_numerics.correction.correction import (
-    CORRECTIONS,
-    Correction,
-    CorrectionProblem,
-    correct,
-    spoils,
-)
+from mesh_motion_numerics.correction.correction import CORRECTIONS, Correction, CorrectionProblem, correct, spoils
 from mesh_motion_numerics.correction.correction_problem import SMALL_MESH
 from mesh_motion_numerics.interpolation import evaluation
 from mesh_motion_numerics.interpolation.interpolant import factorize
@@ -137,11 +131,6 @@ def test_what_no_node_can_mend_is_refused_at_once(monkeypatch: pytest.MonkeyPatc
         correct(replace(problem, standard=standard, held=held), settings())
 
 
-def test_no_enrichment_points_change_nothing() -> None:
-    with pytest.raises(QualityRefused):
-        correct(case("dx -0.3"), settings("enrichment", max_enrichment_points=0))
-
-
 def test_a_mesh_without_free_nodes_is_judged_as_it_is() -> None:
     problem = case("dx -0.3")
     with pytest.raises(QualityRefused):
@@ -149,7 +138,6 @@ def test_a_mesh_without_free_nodes_is_judged_as_it_is() -> None:
 
 
 def squeezed_line(distance: float = 0.15) -> CorrectionProblem:
-    """The case of thesis Table 4.1 with R = 0.2."""
     x = np.linspace(0, 1, 21)[:, None]
     n = np.arange(21)
     cells = CellTable.from_arrays({"line": np.column_stack([n[:-1], n[1:]])})

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 from box_meshes import box_mesh
-from frame_meshes import square_frame
+from frame_meshes import square_frame, tensor_grid, without_unused
 from mesh_motion_numerics.arrays import Floats
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.mesh.roles import Patch
@@ -28,26 +28,14 @@ def refused(model: PreparedMesh, targets: Floats) -> str:
     return ""
 
 
-def grid(*axes: Floats) -> tuple[Floats, np.ndarray]:
-    """Points of a tensor grid, and its quads or hexahedra."""
-    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(axes))
-    number = np.arange(len(points)).reshape([len(axis) for axis in axes])
-    corners = [(0, 0), (1, 0), (1, 1), (0, 1)]
-    if len(axes) == 3:
-        corners = [(*corner, z) for z in (0, 1) for corner in corners]
-    cut = [tuple(slice(a, a + n - 1) for a, n in zip(corner, number.shape, strict=True)) for corner in corners]
-    return points, np.stack([number[part].ravel() for part in cut], axis=1)
-
-
 def leaflets(dimension: int, sides: str = "fixed", *, triangles: bool = False) -> MotionModel:
     """A channel of height 1 with two leaflets that leave a gap from 0.4 to 0.6 between them."""
     axes = [np.linspace(0, 2, 11), np.linspace(0, 1, 11), np.linspace(0, 0.5, 3)]
-    points, cells = grid(*axes[:dimension])
+    points, cells = tensor_grid(*axes[:dimension])
     centre = points[cells].mean(axis=1)
     cells = cells[~((np.abs(centre[:, 0] - 1) < 0.2) & (np.abs(centre[:, 1] - 0.5) > 0.1))]
-    used, cells = np.unique(cells, return_inverse=True)
-    points, cells = points[used], cells.reshape(-1, 2**dimension)
-    x, y = points[:, 0], points[:, 1]
+    points, cells = without_unused(points, cells)
+    x, y = points.T[:2]
     on = (np.abs(x - 1) < 0.21) & (np.abs(y - 0.5) > 0.09)
     ends = (x < 0.01) | (x > 1.99) | (y < 0.01) | (y > 0.99)
     patches = {"leaflets": Patch("moving", np.flatnonzero(on)), "ends": Patch("fixed", np.flatnonzero(ends & ~on))}
@@ -60,7 +48,6 @@ def leaflets(dimension: int, sides: str = "fixed", *, triangles: bool = False) -
 
 
 def closed(model: MotionModel, low: float, high: float, aside: float = 0.0) -> Floats:
-    """Targets: the lower leaflet longer by ``low`` and its tip ``aside``, the upper one longer by ``high``."""
     start = model.points[model.roles.moving]
     y, targets = start[:, 1], start.copy()
     targets[:, 1] += np.where(y < 0.5, low * y / 0.4, -high * (1.0 - y) / 0.4)
@@ -154,7 +141,7 @@ def test_the_kinds_of_faults_up_to_the_one_that_is_found_are_enough(shift: float
 @pytest.mark.parametrize("settings", [{}, {"correction": "none"}, {"displacement": "absolute"}], ids=str)
 @pytest.mark.parametrize("triangles", [False, True])
 def test_two_bodies_of_two_nodes_do_not_meet(settings: dict[str, Any], triangles: bool) -> None:
-    points, cells = grid(np.linspace(0, 1, 6), np.linspace(0, 1, 6))
+    points, cells = tensor_grid(np.linspace(0, 1, 6), np.linspace(0, 1, 6))
     table = {"quad": cells}
     if triangles:
         table = {"triangle": np.concatenate([cells[:, [0, 1, 2]], cells[:, [0, 2, 3]]])}
@@ -174,7 +161,7 @@ def test_two_bodies_of_two_nodes_do_not_meet(settings: dict[str, Any], triangles
 def interface(dimension: int) -> tuple[MotionModel, Callable[[float, float], Floats]]:
     """Two blocks that lie on each other, with nodes of their own there: the lower one's surface moves."""
     axes = [np.linspace(0, 1, 9), np.linspace(0, 0.5, 5), np.linspace(0, 1, 4)][:dimension]
-    points, cells = grid(*axes)
+    points, cells = tensor_grid(*axes)
     n = len(points)
     both = np.vstack([points, points + np.eye(dimension)[1] / 2])
     kind = "quad" if dimension == 2 else "hexahedron"
@@ -203,29 +190,26 @@ def test_an_interface_may_slide_and_open_but_not_pass(dimension: int) -> None:
 @pytest.mark.parametrize("aside", [0.0, 0.3, 0.013])
 def test_between_periodic_sides_a_body_leaves_through_a_wall(walls: str, aside: float) -> None:
     """No part of the boundary is closed there, and nodes of body and wall may be at one place."""
-    points, cells = grid(np.linspace(0, 1, 11), np.linspace(0, 1, 11))
-    cells = cells[(np.abs(points[cells].mean(axis=1) - 0.5) > 0.1).any(axis=1)]
-    used, cells = np.unique(cells, return_inverse=True)
-    points, (x, y) = points[used], points[used].T
+    points, cells = tensor_grid(np.linspace(0, 1, 11), np.linspace(0, 1, 11))
+    points, cells = without_unused(points, cells[(np.abs(points[cells].mean(axis=1) - 0.5) > 0.1).any(axis=1)])
+    x, y = points.T
     body = np.flatnonzero((np.abs(points - 0.5) < 0.11).all(axis=1))
     patches = {"body": Patch("moving", body)}
     for name, on in {"left": x < 0.01, "right": x > 0.99, "low": y < 0.01, "up": y > 0.99}.items():
         patches[name] = Patch(walls if name in ("low", "up") else "periodic", np.flatnonzero(on))
-    table = CellTable.from_arrays({"quad": cells.reshape(-1, 4)})
-    model = MotionModel.build(points, table, patches, Method())
+    model = MotionModel.build(points, CellTable.from_arrays({"quad": cells}), patches, Method())
     for up, there in ((0.5, True), (0.41, True), (0.4, True), (0.399, False)):
         assert ("cross itself" in refused(model, points[body] + np.array([aside, up]))) == there
 
 
 def two_blocks(dimension: int, *, triangles: bool = False) -> MotionModel:
     """The unit square or cube with two blocks of size 0.2, from corner to corner, and their rows of moving nodes."""
-    points, cells = grid(*[np.linspace(0, 1, 11)] * 2, *[np.linspace(0, 1, 6)] * (dimension - 2))
+    points, cells = tensor_grid(*[np.linspace(0, 1, 11)] * 2, *[np.linspace(0, 1, 6)] * (dimension - 2))
     centre = points[cells].mean(axis=1)
     inside = [np.abs(centre - middle).max(axis=1) < 0.1 for middle in (0.3, 0.7)]
     if dimension == 3:
         inside = [np.abs(centre - [m, m, 0.5]).max(axis=1) < 0.1 for m in (0.3, 0.7)]
-    used, cells = np.unique(cells[~(inside[0] | inside[1])], return_inverse=True)
-    points, cells = points[used], cells.reshape(-1, 2**dimension)
+    points, cells = without_unused(points, cells[~(inside[0] | inside[1])])
     kind = "quad" if dimension == 2 else "hexahedron"
     if triangles:
         kind, cells = "triangle", np.concatenate([cells[:, [0, 1, 2]], cells[:, [0, 2, 3]]])

@@ -50,21 +50,6 @@ def test_sums_are_the_formulas(name, d):
     assert np.allclose(evaluation.gradient(interpolant, points), g, rtol=0, atol=1e-12 * np.abs(g).max())
 
 
-@pytest.mark.parametrize("radius", [0.03, 0.1])
-@pytest.mark.parametrize("d", [1, 2, 3])
-def test_cells_and_direct_sum_agree(d, radius):
-    rng = np.random.default_rng(d)
-    centres = rng.random((1500, d)) if d > 1 else (np.arange(1500)[:, None] + rng.uniform(-0.3, 0.3, (1500, 1))) / 1500
-    interpolant = factorize(centres, basis="ctps-c0", support_radius=radius, solver="dense").solve(
-        rng.standard_normal((1500, d))
-    )
-    assert not interpolant.layout.is_direct
-    points = rng.uniform(-0.1, 1.1, (300, d))
-    s, _ = brute(interpolant, points)
-    scale = np.abs(interpolant.weights).max()
-    assert np.allclose(evaluation.displacement(interpolant, points), s, rtol=0, atol=1e-13 * scale)
-
-
 @pytest.mark.parametrize("k", [1, 2, 5, 60, 180])
 def test_any_number_of_columns(k):
     interpolant = made("wendland-c2", 3, k=k)

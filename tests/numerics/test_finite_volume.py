@@ -8,6 +8,7 @@ import foam_cases as foam
 import numpy as np
 import pytest
 from box_meshes import CELL_KINDS, box_mesh
+from frame_meshes import tensor_grid
 from mesh_motion_numerics.mesh import finite_volume
 from mesh_motion_numerics.mesh.cell_facets import CellFacets
 from mesh_motion_numerics.mesh.cells import CELL_TYPES, CellTable
@@ -28,13 +29,11 @@ def measured(points: np.ndarray, cells: CellTable) -> FaceMeasures:
 
 
 def angles(points: np.ndarray, cells: CellTable) -> np.ndarray:
-    """All angles between cells, degrees."""
     centres, volumes = finite_volume._cell_geometry(points, cells)
     return finite_volume._measured(points, CellFacets.of(cells), centres, volumes)[0]
 
 
 def shaken(kind: str, share: float = 0.25, n: int = 5) -> tuple[np.ndarray, CellTable]:
-    """A mesh of boxes with every node moved by up to a share of a box's width, and bent."""
     mesh = box_mesh(kind, n)
     points = mesh.points + share / n * np.random.default_rng(7).uniform(-1, 1, mesh.points.shape)
     return points + 0.1 * np.sin(3 * points[:, ::-1]), mesh.cells
@@ -42,11 +41,9 @@ def shaken(kind: str, share: float = 0.25, n: int = 5) -> tuple[np.ndarray, Cell
 
 def line_of_cubes(shift: float) -> tuple[np.ndarray, CellTable]:
     """Two unit cubes side by side along x, sheared: y grows by ``shift`` times x."""
-    x, y, z = (axis.ravel() for axis in np.meshgrid([0, 1, 2], [0, 1], [0, 1], indexing="ij"))
-    number = np.arange(12).reshape(3, 2, 2)
-    corners = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)]
-    cells = [[number[i + a, b, c] for a, b, c in corners] for i in (0, 1)]
-    return np.column_stack([x, y + shift * x, z]).astype(float), CellTable.from_arrays({"hexahedron": np.array(cells)})
+    points, cells = tensor_grid(np.arange(3.0), np.arange(2.0), np.arange(2.0))
+    points[:, 1] += shift * points[:, 0]
+    return points, CellTable.from_arrays({"hexahedron": cells})
 
 
 @pytest.mark.parametrize("degrees", [0.0, 10.0, 64.9, 65.1, 74.9, 75.1, 80.0])

@@ -13,7 +13,6 @@ RADIUS = 0.004
 
 
 def _centres(d: int) -> np.ndarray:
-    """A tight body in the middle of a wide domain's corners and sides."""
     rng = np.random.default_rng(d)
     return np.vstack([0.5 + 0.01 * rng.normal(size=(400, d)), rng.random((50, d)), np.zeros((1, d)), np.ones((1, d))])
 

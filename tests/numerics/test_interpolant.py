@@ -151,10 +151,7 @@ class TestRefusals:
         ("options", "message"),
         [
             ({"basis": "spline"}, "unknown basis 'spline'"),
-            ({"basis": "qb"}, "cannot interpolate"),
             ({"support_radius": -1.0}, r"finite support radius > 0, got -1\.0"),
-            ({"support_radius": float("nan")}, "finite support radius"),
-            ({"support_radius": None}, "needs its support radius"),
             ({"basis": "gauss", "support_radius": 0.05, "solver": "sparse"}, "no compact support"),
         ],
     )
@@ -162,20 +159,10 @@ class TestRefusals:
         with pytest.raises(InvalidInput, match=message):
             factorize(cloud(20, 2), **{"support_radius": 0.5, **options})
 
-    def test_coincident_points(self):
-        points = cloud(20, 2)
-        points[7] = points[3]
-        with pytest.raises(InvalidInput, match="control points 3 and 7 coincide"):
-            factorize(points, support_radius=0.5)
-
     @pytest.mark.parametrize("name", ["gauss", "mqb", "imqb"])
     def test_a_matrix_without_digits_left(self, name):
         with pytest.raises(QualityRefused, match="singular to working precision"):
             factorize(cloud(200, 2), basis=name, support_radius=5.0)
-
-    def test_a_thin_plate_spline_of_points_on_a_line(self):
-        with pytest.raises(InvalidInput, match="they span 1 of 2 dimensions"):
-            factorize(np.linspace(0, 1, 9)[:, None] * [1.0, 2.0], basis="tps", support_radius=None)
 
 
 REPEAT = """

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from box_meshes import box_mesh
+from frame_meshes import tensor_grid
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.mesh.roles import Patch
 from mesh_motion_numerics.method import Method
@@ -77,10 +78,9 @@ def test_even_meshes_have_no_layers(kind: str) -> None:
 def test_a_layer_on_a_periodic_wall_is_kept_and_its_ends_stay_alike() -> None:
     """A bent floor, whose plain motion makes the first cells two fifths higher."""
     x, y = np.linspace(0.0, 1.0, 41), (1.25 ** np.arange(31) - 1.0) / (1.25**30 - 1.0)
-    points = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
+    points, quads = tensor_grid(x, y)
     points[:, 1] += 0.1 * np.sin(2.0 * np.pi * points[:, 0] + 0.7) * (1.0 - points[:, 1])
     node = np.arange(len(points)).reshape(41, 31)
-    quads = np.stack([node[:-1, :-1], node[1:, :-1], node[1:, 1:], node[:-1, 1:]], axis=-1).reshape(-1, 4)
     sides = {"floor": ("moving", node[:, 0]), "lid": ("fixed", node[:, -1])}
     sides |= {"left": ("periodic", node[0]), "right": ("periodic", node[-1])}
     patches = {name: Patch(role, np.ascontiguousarray(nodes)) for name, (role, nodes) in sides.items()}

@@ -22,7 +22,6 @@ RELATIVE = "relative-size-skew"
 
 
 def assert_same(points: np.ndarray, cells: CellTable, sizes: np.ndarray, metric: str = "size-skew") -> None:
-    """The worst cells found alone against those of all cells."""
     found, full = (judge(points, cells, sizes, metric=metric) for judge in (lowest_quality, mesh_summary))
     assert (found.metric.min, found.inverted, found.cells) == (full.metric.min, full.inverted, full.cells)
     assert repr(found.worst) == repr(full.worst)

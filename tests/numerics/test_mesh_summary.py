@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 from mesh_motion_numerics.mesh.cells import CellTable
-from mesh_motion_numerics.quality.mesh_summary import mesh_summary, summarize
+from mesh_motion_numerics.quality.mesh_summary import lowest_of, lowest_quality, mesh_summary, summarize
 from mesh_motion_numerics.quality.metrics import QUALITY_METRICS, cell_quality, cells_at_rest, reference_sizes
+from mesh_motion_numerics.quality.quality_summary import distribution
 from mesh_motion_protocol.errors import InvalidInput
 from thread_counts import on_one_and_on_all_threads
 from tiny_meshes import tiny_meshes
@@ -13,7 +14,6 @@ MESHES = dict(tiny_meshes(6))
 
 
 def shaken(points: np.ndarray, size: float, seed: int = 0) -> np.ndarray:
-    """Points, each moved by up to ``size`` along each axis."""
     return points + np.random.default_rng(seed).uniform(-size, size, points.shape)
 
 
@@ -37,6 +37,7 @@ def test_blocks_of_several_types_are_numbered_through():
     sizes, moved = reference_sizes(points, cells), shaken(points, 0.04)
     expected = summarize(cell_quality(moved, cells, sizes), moved, cells, worst=500)
     assert mesh_summary(moved, cells, sizes, worst=500) == expected
+    assert lowest_quality(moved, cells, sizes, worst=500).worst == expected.worst
     assert len({cells.locate(cell.number)[0].type.name for cell in expected.worst}) > 1
 
 
@@ -48,7 +49,25 @@ def test_threads_do_not_matter():
     assert one == all_of_them
 
 
-def test_an_unknown_metric_is_refused():
-    points, cells = MESHES["quad"]
+def test_a_summary_names_the_worst_cells():
+    points = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0], [2.0, 0.0], [2.0, 1.0]])
+    cells = CellTable.from_arrays({"triangle": np.array([[0, 1, 2], [0, 2, 3]]), "quad": np.array([[1, 4, 5, 2]])})
+    moved = points.copy()
+    moved[4, 0] = 0.5  # inverts a corner of the quad
+    quality = cell_quality(moved, cells, reference_sizes(points, cells))
+    summary = summarize(quality, moved, cells, metric="size-skew-product", worst=2)
+    assert summary.metric_name == "size-skew-product"
+    assert (summary.cells, summary.inverted) == (3, 1)
+    assert summary.skew.min == 0.0
+    assert summary.size.p50 == 1.0
+    assert [cell.number for cell in summary.worst] == [2, 0]
+    assert summary.worst[0].centre == (1.125, 0.5)
+    assert summary.worst[0].value == 0.0
+    assert summary.worst[1].size_skew == pytest.approx(3**0.5 / 2)
+    assert summary.metric == distribution(quality.metric("size-skew-product"))
+    named = {"size": summary.size, "skew": summary.skew, "size_skew": summary.size_skew, "metric": summary.metric}
+    assert summary.reported == named
+    lowest = lowest_of(quality, moved, cells, metric="size-skew-product")
+    assert lowest.reported == {"metric": lowest.metric}
     with pytest.raises(InvalidInput, match="unknown quality metric"):
-        mesh_summary(points, cells, reference_sizes(points, cells), metric="angle")
+        summarize(quality, moved, cells, metric="angle")

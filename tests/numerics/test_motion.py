@@ -46,21 +46,6 @@ def test_a_large_motion_is_corrected_before_any_node_moves() -> None:
     assert np.array_equal(motion.points[fixed], model.points[fixed])
 
 
-def test_a_motion_through_the_wall_is_refused_with_the_largest_acceptable_fraction() -> None:
-    model = model_of()
-    targets = targets_of(model, shift=(0.7, 0.0))
-    with pytest.raises(QualityRefused) as refusal:
-        model.move(model.points, targets)
-    error = refusal.value
-    assert error.fraction is not None
-    assert 0.3 < error.fraction < 0.4 / 0.7  # the block touches the wall at 0.4
-    assert error.cells
-    assert error.best <= 0
-    rest = model.points[model.roles.moving]
-    accepted = model.move(model.points, rest + error.fraction * (targets - rest))
-    assert accepted.corrected.inverted == 0
-
-
 def test_a_refusal_without_a_correction_takes_two_plain_motions(monkeypatch: pytest.MonkeyPatch) -> None:
     """That to its targets and that to the acceptable fraction: what is between them the first one shows."""
     model = model_of(correction="none")

@@ -91,10 +91,7 @@ CASES: dict[str, tuple[Callable[[], Mesh], dict[str, object]]] = {
     "curved slip walls, and nodes that slide no more": (lambda: duct("quad", bend=0.6), PLAIN),
     "curved slip walls and edges": (lambda: duct("hexahedron", 5, bend=0.6), {}),
     "curved slip walls of triangles": (lambda: duct("tetra", 5, bend=0.6), PLAIN),
-    "curved slip walls with a layer": (
-        lambda: nothing_fixed(duct("quad", 10, bend=0.6), "x0", "x1"),
-        PLAIN,
-    ),
+    "curved slip walls with a layer": (lambda: nothing_fixed(duct("quad", 10, bend=0.6), "x0", "x1"), PLAIN),
     "nothing fixed, in a box that slips": (lambda: nothing_fixed(duct("quad")), {}),
     "nothing fixed, in a bend that slips": (lambda: nothing_fixed(duct("hexahedron", 5, bend=0.6)), PLAIN),
     "nothing fixed, carried along walls": (lambda: nothing_fixed(duct("quad"), "x0", "x1"), {}),

@@ -39,7 +39,6 @@ def pitched(model: MotionModel, degrees: float, shift: float = 0.0) -> np.ndarra
 
 
 def extremes(model: MotionModel, points: np.ndarray) -> tuple[float, float]:
-    """Smallest relative skew and size."""
     return cell_quality(points, model.cells, cells_at_rest(model.points, model.cells)).relative_extremes()
 
 

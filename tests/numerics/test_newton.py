@@ -12,7 +12,6 @@ from scipy.sparse.csgraph import connected_components
 
 
 def shaken(kind: str, size: float) -> tuple[np.ndarray, FreeRegion]:
-    """A mesh with its interior shaken, valid still."""
     mesh = box_mesh(kind, 5)
     region = free_region(mesh.points, mesh.cells, mesh.sizes, ~mesh.held)
     points = mesh.points[region.nodes].copy()
@@ -55,7 +54,6 @@ def test_the_stationary_point_has_no_gradient() -> None:
 
 
 def grid_laplacian(n: int) -> csr_matrix:
-    """Of n × n nodes with a held border, the diagonal first in a row."""
     line = diags([-1.0, 2.0, -1.0], [-1, 0, 1], shape=(n, n))
     matrix = (kron(line, eye(n)) + kron(eye(n), line)).tocoo()
     order = np.lexsort((matrix.col != matrix.row, matrix.row))

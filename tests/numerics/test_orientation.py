@@ -15,7 +15,6 @@ LISTED = {1: "from right to left", 2: "clockwise", 3: "in the opposite orientati
 
 
 def one_cell(name: str) -> np.ndarray:
-    """Corners of a valid cell of a type."""
     kind = CELL_TYPES[name]
     if kind.is_simplex:
         return np.hstack([np.zeros((kind.dimension, 1)), kind.ideal_array]).T

@@ -1,6 +1,7 @@
 """A wave tank whose wall of paddles is plane at rest, and nearly plane after the first step."""
 
 import numpy as np
+from frame_meshes import tensor_grid
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.mesh.roles import Patch
 from mesh_motion_numerics.method import Method
@@ -10,12 +11,10 @@ FIRST, SECOND = (-0.0107, -0.0101, -0.0094, -0.0086), (-0.0146, -0.0166, -0.0183
 
 
 def tank() -> MotionModel:
-    x, y = np.meshgrid(np.linspace(0.0, 4.0, 41), np.linspace(0.0, 0.32, 9), indexing="ij")
-    points = np.column_stack([x.ravel(), y.ravel()])
-    grid = np.arange(len(points)).reshape(x.shape)
-    cells = np.stack([grid[:-1, :-1], grid[1:, :-1], grid[1:, 1:], grid[:-1, 1:]], axis=-1).reshape(-1, 4)
-    patches = {"paddles": Patch("moving", grid[0]), "end": Patch("fixed", grid[-1])}
-    patches |= {"floor": Patch("slip", grid[:, 0]), "top": Patch("slip", grid[:, -1])}
+    points, cells = tensor_grid(np.linspace(0.0, 4.0, 41), np.linspace(0.0, 0.32, 9))
+    node = np.arange(len(points)).reshape(41, 9)
+    patches = {"paddles": Patch("moving", node[0]), "end": Patch("fixed", node[-1])}
+    patches |= {"floor": Patch("slip", node[:, 0]), "top": Patch("slip", node[:, -1])}
     return MotionModel.build(points, CellTable.from_arrays({"quad": cells}), patches, Method())
 
 

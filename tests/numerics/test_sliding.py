@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from frame_meshes import tensor_grid
 from mesh_motion_numerics.mesh.boundary_facets import boundary_facets, boundary_nodes
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.mesh.sliding import SlidingSurfaces
@@ -8,17 +9,9 @@ from mesh_motion_protocol.errors import InvalidInput
 from scipy.spatial import ConvexHull
 
 
-def grid(*counts):
-    """Points and cells of a structured grid over the unit square or cube, quads or hexahedra."""
-    axes = [np.linspace(0, 1, n + 1) for n in counts]
-    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(counts))
-    index = np.arange(len(points)).reshape([n + 1 for n in counts])
-    if len(counts) == 2:
-        a = index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]
-        return points, CellTable.from_arrays({"quad": np.stack([q.ravel() for q in a], axis=1)})
-    low, high = index[:, :, :-1], index[:, :, 1:]
-    corners = [(s[:-1, :-1], s[1:, :-1], s[1:, 1:], s[:-1, 1:]) for s in (low, high)]
-    return points, CellTable.from_arrays({"hexahedron": np.stack([q.ravel() for s in corners for q in s], axis=1)})
+def unit_grid(*counts):
+    points, cells = tensor_grid(*[np.linspace(0, 1, n + 1) for n in counts])
+    return points, CellTable.from_arrays({"quad" if len(counts) == 2 else "hexahedron": cells})
 
 
 def ring(around, across, inner=0.5):
@@ -53,7 +46,7 @@ def polygon_distance(points, vertices):
 
 class TestPlanar:
     def test_side_of_a_square_keeps_its_coordinate_bitwise(self):
-        points, cells = grid(6, 6)
+        points, cells = unit_grid(6, 6)
         side = np.flatnonzero(points[:, 0] == 1)
         surfaces = SlidingSurfaces.build(points, boundary_facets(cells), {"side": side}, side[1:-1])
         pushed = points[side[1:-1]] + [0.2, 0.03]
@@ -62,7 +55,7 @@ class TestPlanar:
         assert (slid[:, 1] == pushed[:, 1]).all()
 
     def test_oblique_plane_is_kept_to_rounding(self):
-        points, cells = grid(4, 4, 4)
+        points, cells = unit_grid(4, 4, 4)
         rotation = np.linalg.qr(np.random.default_rng(3).standard_normal((3, 3)))[0]
         rotation *= np.sign(np.linalg.det(rotation))
         side = np.flatnonzero(points[:, 2] == 1)
@@ -76,7 +69,7 @@ class TestPlanar:
         assert np.allclose(slid - turned[side], tangential, rtol=0, atol=1e-14 * 10)
 
     def test_two_planes_leave_their_line_and_three_a_point(self):
-        points, cells = grid(4, 4, 4)
+        points, cells = unit_grid(4, 4, 4)
         sides = {f"{axis}": np.flatnonzero(points[:, axis] == 0) for axis in range(3)}
         nodes = np.unique(np.concatenate(list(sides.values())))
         surfaces = SlidingSurfaces.build(points, boundary_facets(cells), sides, nodes)
@@ -87,7 +80,7 @@ class TestPlanar:
         assert np.allclose(slid[~held], points[nodes][~held] + 0.01, rtol=0, atol=1e-15)
 
     def test_a_box_in_one_patch_keeps_its_edges(self):
-        points, cells = grid(3, 4, 5)
+        points, cells = unit_grid(3, 4, 5)
         nodes = boundary_nodes(cells)
         surfaces = SlidingSurfaces.build(points, boundary_facets(cells), {"walls": nodes}, nodes)
         slid = surfaces.project(points[nodes] + np.random.default_rng(0).uniform(-0.1, 0.1, (len(nodes), 3)))
@@ -96,7 +89,7 @@ class TestPlanar:
         assert (slid[~on_wall] != points[nodes][~on_wall]).all()
 
     def test_oblique_planes_meet_in_their_line(self):
-        points, cells = grid(4, 4)
+        points, cells = unit_grid(4, 4)
         sheared = points @ np.array([[1.0, 0.3], [0.4, 1.0]])
         left, bottom = np.flatnonzero(points[:, 0] == 0), np.flatnonzero(points[:, 1] == 0)
         nodes = np.union1d(left, bottom)
@@ -106,7 +99,7 @@ class TestPlanar:
         assert np.allclose(slid[corner], 0, atol=1e-15)
 
     def test_a_node_off_its_plane_by_file_precision_keeps_its_own_offset(self):
-        points, cells = grid(4, 4)
+        points, cells = unit_grid(4, 4)
         rough = points.astype(np.float32).astype(np.float64)
         rough += 1e-8 * np.random.default_rng(0).standard_normal(points.shape)
         side = np.flatnonzero(points[:, 0] == 0)[1:-1]
@@ -191,13 +184,13 @@ class TestCurved:
 
 
 def test_a_node_without_facets_is_named():
-    points, cells = grid(3, 3)
+    points, cells = unit_grid(3, 3)
     with pytest.raises(InvalidInput, match="node 1 of the sliding patch 's' lies on no boundary facet"):
         SlidingSurfaces.build(points, boundary_facets(cells), {"s": np.array([1])}, np.array([1]))
 
 
 def test_a_symmetry_patch_is_planar_piece_by_piece():
-    points, cells = grid(6, 3)
+    points, cells = unit_grid(6, 3)
     bottom = np.flatnonzero(points[:, 1] == 0.0)
     sides = np.flatnonzero((points == 0.0).any(axis=1))
     for nodes in (bottom, sides):  # a corner between two planes is none of a curved surface

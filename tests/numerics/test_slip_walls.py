@@ -12,11 +12,7 @@ from mesh_motion_numerics.method import Method
 from mesh_motion_numerics.motion.motion import MotionModel
 from mesh_motion_protocol.errors import QualityRefused
 
-CORNERS = {
-    "quad": ((0, 1, 3), (1, 2, 0), (2, 3, 1), (3, 0, 2)),
-    "triangle": ((0, 1, 2),),
-    "tetra": ((0, 1, 2, 3),),
-}
+CORNERS = {"quad": ((0, 1, 3), (1, 2, 0), (2, 3, 1), (3, 0, 2)), "triangle": ((0, 1, 2),), "tetra": ((0, 1, 2, 3),)}
 PLAIN = {"correction": "none", "allow_invalid": True}
 
 
@@ -43,7 +39,6 @@ def walls_of(points: np.ndarray, role: str) -> dict[str, Patch]:
 def moved_body(
     kind: str, role: str, shift: tuple[float, ...], angle: float, method: Method
 ) -> tuple[MotionModel, np.ndarray]:
-    """A body in a box whose walls have the role, and where its nodes are after a turn and a shift."""
     mesh = box_mesh(kind, 10 if kind != "tetra" else 5)
     d = mesh.points.shape[1]
     turn = np.eye(d)
@@ -54,7 +49,6 @@ def moved_body(
 
 
 def tank(tilt: float) -> tuple[MotionModel, np.ndarray]:
-    """A tank of 30 x 15 quads whose surface tilts; its walls and its bottom slip."""
     x, y = np.meshgrid(np.linspace(0.0, 1.0, 31), np.linspace(0.0, 0.5, 16))
     points, number = np.column_stack([x.ravel(), y.ravel()]), np.arange(x.size).reshape(x.shape)
     quads = np.stack([number[:-1, :-1], number[:-1, 1:], number[1:, 1:], number[1:, :-1]], axis=-1).reshape(-1, 4)

@@ -44,7 +44,6 @@ def block_model(**choices: object) -> MotionModel:
 
 
 def turned(model: MotionModel, degrees: float, shift: tuple[float, ...] = (0.0, 0.0)) -> np.ndarray:
-    """Targets: the body rotated about the centre and shifted."""
     rest = model.points[model.roles.moving]
     if degrees == 0.0 and not any(shift):
         return rest

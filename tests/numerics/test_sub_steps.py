@@ -29,7 +29,6 @@ def box_model(kind: str = "quad", **choices) -> MotionModel:
 
 
 def turned(model: MotionModel, degrees: float, shift: float = 0.0) -> np.ndarray:
-    """The body rotated about the centre (in 3D about the z axis), then shifted along x."""
     x = model.points[model.roles.moving] - 0.5
     x[:, :2] = x[:, :2] @ rotation(degrees).T
     x[:, 0] += shift

@@ -6,14 +6,7 @@ import pytest
 from box_meshes import CELL_KINDS, box_mesh
 from correction_cases import case, moved, rigid, stored
 from mesh_motion_numerics.correction.free_region import nodes_of_cells
-from mesh_motion_numerics.correction.trial_nodes import (
-    LAST_LEVEL,
-    LEVELS,
-    SIZE_WEIGHTS,
-    TrialMesh,
-    polish,
-    reach,
-)
+from mesh_motion_numerics.correction.trial_nodes import LAST_LEVEL, LEVELS, SIZE_WEIGHTS, TrialMesh, polish, reach
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.quality.metrics import QUALITY_METRICS, reference_sizes
 
@@ -104,14 +97,6 @@ def test_the_last_level_is_for_the_maximum_of_regions_that_are_not_dear(monkeypa
     assert last == [LAST_LEVEL.p, LEVELS[-1].p, LEVELS[-1].p]
     assert exacting.minimum > 1.002 * plain.minimum
     assert np.array_equal(threshold.points, plain.points)
-
-
-def test_what_is_out_of_reach_gives_the_best_there_is() -> None:
-    problem = case("dx -0.38")
-    trial = stored("thesis_block").trial
-    found = reach(problem.standard, trial, 0.2)
-    assert found.freed == np.count_nonzero(~trial.held)
-    assert found.minimum >= 0.12
 
 
 @pytest.mark.parametrize("dx", [-0.46, -0.6, -1.0])

@@ -40,7 +40,6 @@ def ring() -> BodyMesh:
 
 
 def layered() -> BodyMesh:
-    """The same in quads, with a layer of thin cells about the body."""
     spacing = 2e-3 * 1.35 ** np.arange(25)
     radius, angle = np.meshgrid(1.0 + np.cumsum(np.append(0.0, spacing)), np.arange(64), indexing="ij")
     angle = 2.0 * np.pi * angle / 64
@@ -52,7 +51,6 @@ def layered() -> BodyMesh:
 
 
 def turned(model: MotionModel, degrees: float) -> np.ndarray:
-    """The body's nodes after a turn about its centre and z."""
     rest, angle = model.points[model.roles.moving], np.radians(degrees)
     turn = np.eye(rest.shape[1])
     turn[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]

@@ -14,7 +14,6 @@ from served import Served
 
 @pytest.fixture
 def serve(tmp_path):
-    """Starts servers."""
     servers = []
 
     def start(**settings):

@@ -30,7 +30,6 @@ class Served(StandInServer):
         return ServerProcess.command(self, ready) if self.real else super().command(ready)
 
     def get(self, page):
-        """Status and text of a page."""
         return status_page.get(self, page)
 
     def metrics(self):

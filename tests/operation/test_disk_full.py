@@ -45,7 +45,6 @@ def undisturbed(steps: int) -> list[bytes]:
 
 
 def advance(driver: Driver) -> Any:
-    """Move and commit a step; the reply."""
     step = driver.host.step + 1
     (moved,) = driver.move(step, frame="reference")
     assert moved.type == "MOVED", moved

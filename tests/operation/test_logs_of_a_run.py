@@ -20,12 +20,10 @@ OFFSET, PUSH = 0.73105857863, 0.01234567891
 
 
 def secrets_of(folder: Path) -> list[str]:
-    """The keys' texts."""
     return [path.read_text().split()[1] for path in folder.rglob("*.secret")]
 
 
 def forms_of(number: float) -> list[str]:
-    """How a number may be written: its digits, and its bytes."""
     return [f"{number:.9f}".lstrip("0."), np.float64(number).tobytes().hex()]
 
 

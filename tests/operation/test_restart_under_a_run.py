@@ -57,7 +57,6 @@ def test_a_coupled_run_is_bitwise_the_same_across_two_restarts(serve: Any, tmp_p
 
 @pytest.fixture
 def background() -> Iterator[Any]:
-    """Runs a call in a thread; returns a function that waits for what it gave."""
     threads = []
 
     def run(call: Any) -> Any:

@@ -13,7 +13,6 @@ Run = Callable[..., subprocess.CompletedProcess[str]]
 
 @pytest.fixture(scope="session")
 def client_wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The client's wheel: no compiler is needed."""
     return build("wheel", tmp_path_factory.mktemp("client"), ROOT / "adapters" / "python")
 
 
@@ -26,19 +25,16 @@ def client_alone(client_wheel: Path, tmp_path_factory: pytest.TempPathFactory) -
 
 @pytest.fixture(scope="session")
 def numerics_wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The numerics' wheel: the kernels are compiled."""
     return build("wheel", tmp_path_factory.mktemp("numerics"), ROOT / "numerics")
 
 
 @pytest.fixture(scope="session")
 def sdist(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The source distribution."""
     return build("sdist", tmp_path_factory.mktemp("sdist"))
 
 
 @pytest.fixture(scope="session")
 def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The wheel."""
     return build("wheel", tmp_path_factory.mktemp("wheel"))
 
 

@@ -38,7 +38,6 @@ def checkout(tmp_path: Path) -> Path:
 
 
 def change(checkout: Path, name: str) -> None:
-    """A branch with one change."""
     git(checkout, "checkout", "-qb", "topic")
     (checkout / name).write_text("changed\n")
     git(checkout, "add", "-A")
@@ -46,7 +45,6 @@ def change(checkout: Path, name: str) -> None:
 
 
 def parts_run(checkout: Path, *parts: str, **environment: str) -> list[str]:
-    """The parts that ran, in their order."""
     path = f"{checkout / 'bin'}:{os.environ['PATH']}"
     command = ["bash", checkout / ".ci" / "run", *parts]
     given = {"PATH": path, "HOME": str(checkout), **environment}

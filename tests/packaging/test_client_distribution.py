@@ -21,7 +21,6 @@ PACKAGES = ("mesh_motion_client", "mesh_motion_protocol")
 
 
 def files() -> set[str]:
-    """What git keeps in the distribution's folder."""
     return {str(Path(name).relative_to(FOLDER)) for name in tracked() if Path(name).is_relative_to(FOLDER)}
 
 

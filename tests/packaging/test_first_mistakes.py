@@ -24,7 +24,6 @@ ROWS = len(np.unique(BLOCK))
 
 
 def mesh(points: Any = POINTS, cells: Any = None, patches: Any = None) -> Mesh:
-    """The example's mesh, with something else in a place of it."""
     patches = {"block": Patch("moving", BLOCK), "outer": Patch("fixed", OUTER)} if patches is None else patches
     return Mesh(points, {"triangle": CELLS} if cells is None else cells, patches)
 

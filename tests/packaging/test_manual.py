@@ -61,7 +61,6 @@ def test_every_command_shows_an_example() -> None:
 
 
 def _su2(points: np.ndarray, triangles: np.ndarray) -> str:
-    """A mesh of triangles without patches, as SU2 reads it."""
     cells = [f"5 {a} {b} {c}" for a, b, c in triangles]
     nodes = [f"{x!r} {y!r}" for x, y in points.tolist()]
     lines = ["NDIME= 2", f"NELEM= {len(cells)}", *cells, f"NPOIN= {len(nodes)}", *nodes, "NMARK= 0"]
@@ -93,8 +92,6 @@ def shell(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Shell]:
 
 
 class Shell:
-    """Runs shown lines: their ports are free ones, and their home and run folders are the test's."""
-
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         (folder / "bin").mkdir()
@@ -130,7 +127,6 @@ class Shell:
         return line.replace("python -m", f"{sys.executable} -m")
 
     def run(self, line: str) -> str:
-        """To its end; what it complains of, if that is not a good one."""
         command, at = ["sh", "-c", self._line(line)], {"cwd": self.folder, "env": self._environment}
         ended = subprocess.run(command, **at, capture_output=True, text=True, check=False)
         return "" if ended.returncode == 0 else f"{line}: {ended.stdout[-2000:]}{ended.stderr}"

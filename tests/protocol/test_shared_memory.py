@@ -22,7 +22,6 @@ def moved(rows=ROWS):
 
 
 def content(memory):
-    """All bytes of the memory, as its owner sees them."""
     return os.pread(memory.offer["descriptor"], 1 << 24, 0)
 
 

@@ -72,7 +72,6 @@ def test_codes_in_the_server_exist():
 
 
 def shown_bytes(text, title):
-    """The bytes of the block after a line."""
     block = text.partition(title)[2].split("```")[1]
     rows = (re.match(r"\s*((?:[0-9a-f]{2}\s+)+)", line + " ") for line in block.splitlines())
     return bytes.fromhex("".join(match[1] for match in rows if match))

@@ -17,7 +17,6 @@ SIZE_FAR, SIZE_NEAR, REACH = 0.15, 0.03, 0.75
 
 
 def geometry(kind: str) -> None:
-    """The box less two bodies, with sizes that grow with the distance from them."""
     occ = gmsh.model.occ
     box = occ.addRectangle(-HALF[0], -HALF[1], 0, 2 * HALF[0], 2 * HALF[1])
     bodies = [(2, body(kind, x, y)) for x, y in CENTRES]
@@ -36,7 +35,6 @@ def geometry(kind: str) -> None:
 
 
 def body(kind: str, x: float, y: float) -> int:
-    """A body about (x, y)."""
     occ = gmsh.model.occ
     if kind == "ellipses":
         return occ.addDisk(x, y, 0, LENGTH, THICKNESS)

@@ -20,7 +20,6 @@ SQUARE = (0.0, 1.0, 0.0, 1.0)
 
 
 def divided(box: tuple[float, ...], segments: tuple[int, int]) -> int:
-    """Curve loop of four sides that are divided evenly."""
     sides = rectangle(box)
     for i, side in enumerate(sides):
         gmsh.model.geo.mesh.setTransfiniteCurve(side, segments[i % 2] + 1)

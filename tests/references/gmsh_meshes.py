@@ -22,7 +22,6 @@ def quiet_gmsh(**options: float) -> Iterator[None]:
 
 
 def rectangle(box: tuple[float, ...], size: float = 0.0) -> list[int]:
-    """The four sides of (x0, x1, y0, y1), from the lower one on."""
     x0, x1, y0, y1 = box
     geo = gmsh.model.geo
     corners = [geo.addPoint(x, y, 0, size) for x, y in ((x0, y0), (x1, y0), (x1, y1), (x0, y1))]
@@ -30,7 +29,6 @@ def rectangle(box: tuple[float, ...], size: float = 0.0) -> list[int]:
 
 
 def sizes_by(formula: str) -> None:
-    """Sizes of cells that a formula of x, y and z says."""
     field = gmsh.model.mesh.field.add("MathEval")
     gmsh.model.mesh.field.setString(field, "F", formula)
     gmsh.model.mesh.field.setAsBackgroundMesh(field)
@@ -52,5 +50,4 @@ def arrays(dimension: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def save(name: str, **mesh: np.ndarray) -> None:
-    """Saves in this file's folder."""
     np.savez_compressed(Path(__file__).with_name(f"{name}.npz"), **mesh)

@@ -212,7 +212,6 @@ def test_a_way_without_a_headroom_is_refused(store: Any, asked: dict[str, str], 
 
 @pytest.fixture
 def ticking(monkeypatch: pytest.MonkeyPatch) -> list[int]:
-    """A clock that goes on by a second each time it is read; the number of readings."""
     read = [0]
 
     def monotonic() -> float:

@@ -32,7 +32,6 @@ def session(store: Any, meshes: list[PartitionMesh], name: str = SESSION, **opti
 
 
 def resumed(driver: Driver, store: Any) -> Driver:
-    """The same ranks after the server was killed."""
     driver.host._session._built.keeper.close()  # type: ignore[union-attr]
     driver.host._session._folder.release()
     again = Driver(SessionHost.resume(driver.host.session, TOKEN, store, limits=LIMITS), driver.meshes)
@@ -224,7 +223,6 @@ def triangular() -> PartitionMesh:
 
 
 def lower(driver: Driver, by: float) -> list[np.ndarray]:
-    """The moving side bulges in all directions, its rim stays."""
     (mesh,), (moving,) = driver.meshes, driver.moving
     x = np.delete(mesh.points[moving], {2: 0, 3: 2}[mesh.points.shape[1]], axis=1)
     bump = np.sin(np.pi * x).prod(axis=1)[:, None]

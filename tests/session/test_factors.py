@@ -74,17 +74,6 @@ def test_bytes_stay_within_the_budget_but_the_newest_is_kept() -> None:
     assert len(cache) == 0
 
 
-def test_a_motion_fills_an_empty_cache_and_is_bitwise_the_same_with_it() -> None:
-    points, cells, patches = square_frame(10, kind="quad")
-    model = MotionModel.build(points, cells, patches, Method(correction="none"))
-    cache = FactorCache(1 << 20)
-    targets = points[patches["block"].nodes] + (0.02, 0.0)
-    first, second = (model.move(points, targets, cache) for _ in range(2))
-    assert [motion.caches["factorization"] for motion in (first, second)] == ["made", "reused"]
-    assert second.caches["bytes"] == {"factorization": cache.nbytes}
-    assert (first.points == second.points).all()
-
-
 def _disc(**choices: str) -> tuple[MotionModel, np.ndarray, np.ndarray]:
     """A square of quads with a square hole that moves, interpolated in two scales; two displacements of the hole."""
     points, cells, patches = square_frame(30, kind="quad")

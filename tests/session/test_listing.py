@@ -82,7 +82,6 @@ def five(tmp_path: Path) -> SessionStore:
 
 
 def driver_at_rest(store: SessionStore, session: str) -> Any:
-    """A session with a step, and who has driven it."""
     driver = make_driver(store, [grid_mesh()], session=session)
     driver.open()
     advance(driver, 1)
@@ -92,7 +91,6 @@ def driver_at_rest(store: SessionStore, session: str) -> Any:
 
 @pytest.fixture
 def reads(monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """The sessions whose manifests were read."""
     found: list[str] = []
 
     def counting(folder: Path, files: Any) -> Any:
@@ -137,29 +135,19 @@ def test_what_has_changed_is_read_again(five: SessionStore, reads: list[str], mo
     assert reads == ["f" * 32]
 
 
-@pytest.mark.parametrize("name", ["mesh.bin", "slot-0", "slot-1"])
-def test_a_session_that_lost_a_file_is_not_ready(five: SessionStore, name: str) -> None:
-    (five.root / "sessions" / SESSION / name).unlink()
-    states = {found.session: found.state for found in five.sessions()}
-    assert states == dict.fromkeys(OTHERS, "READY") | {SESSION: "FAILED"}
-
-
-@pytest.mark.parametrize("name", ["mesh.bin", "slot-1"])
-@pytest.mark.parametrize("length", [0, 7, 100, -1])
-def test_a_session_whose_file_was_cut_is_not_ready(five: SessionStore, name: str, length: int) -> None:
-    """What RESUME would refuse."""
-    path = five.root / "sessions" / SESSION / name
-    os.truncate(path, length % path.stat().st_size)
-    states = {found.session: found.state for found in five.sessions()}
-    assert states == dict.fromkeys(OTHERS, "READY") | {SESSION: "FAILED"}
-
-
-@pytest.mark.parametrize("name", ["mesh.bin", "slot-1"])
-def test_a_session_with_a_changed_byte_is_not_ready(five: SessionStore, name: str) -> None:
-    path = five.root / "sessions" / SESSION / name
+def change(path: Path) -> None:
     content = bytearray(path.read_bytes())
     content[-3] ^= 4
     path.write_bytes(content)
+
+
+CUTS = [lambda path, n=n: os.truncate(path, n % path.stat().st_size) for n in (0, 7, 100, -1)]
+
+
+@pytest.mark.parametrize("name", ["mesh.bin", "slot-1"])
+@pytest.mark.parametrize("damage", [Path.unlink, change, *CUTS])
+def test_a_session_that_resume_would_refuse_is_not_ready(five: SessionStore, name: str, damage: Any) -> None:
+    damage(five.root / "sessions" / SESSION / name)
     states = {found.session: found.state for found in five.sessions()}
     assert states == dict.fromkeys(OTHERS, "READY") | {SESSION: "FAILED"}
 

@@ -25,7 +25,6 @@ OTHER = "f" * 32
 
 
 def build(store: SessionStore, session: str = SESSION, steps: int = 1, **options: Any) -> Path:
-    """A session at rest."""
     driver = make_driver(store, [grid_mesh()], session=session, **options)
     driver.open()
     for step in range(1, steps + 1):

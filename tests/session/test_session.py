@@ -4,7 +4,7 @@ import os
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, ClassVar, cast
 
 import numpy as np
 import pytest
@@ -36,16 +36,21 @@ if TYPE_CHECKING:
     from mesh_motion_server.session.partitions.meshes import MergedMesh
 
 
-@pytest.fixture
-def session(tmp_path: Path) -> Any:
-    """READY at step 0."""
-    session = Session(SessionStore(tmp_path).create(make_spec()), ServerSettings(), StandIn)
+def built(folder: Path, model: Any = StandIn, shift: float = 0.0) -> Session:
+    """READY at step 0, with a mesh that begins at ``shift``."""
+    session = Session(SessionStore(folder).create(make_spec()), ServerSettings(), model)
     mesh = grid_mesh()
-    session.add_part(0, Part("nodes", "", "", mesh.points))
+    session.add_part(0, Part("nodes", "", "", mesh.points + shift))
     session.add_part(0, Part("cells", "triangle", "", mesh.cells["triangle"]))
     for name, patch in mesh.patches.items():
         session.add_part(0, Part("patch", name, patch.role, patch.nodes[:, None]))
     session.build()
+    return session
+
+
+@pytest.fixture
+def session(tmp_path: Path) -> Any:
+    session = built(tmp_path)
     yield session
     session.close()
 
@@ -149,10 +154,6 @@ def test_nothing_can_be_asked_of_a_mesh_that_is_not_there(tmp_path: Path) -> Non
     session.close()
 
 
-def test_uploads_are_forgotten_once_built(session: Session) -> None:
-    assert session.upload.nbytes == 0
-
-
 def test_the_state_is_on_its_way_to_the_disk_while_a_commit_is_judged() -> None:
     session, files = with_a_trial("full")
     before, judged = files.count, []
@@ -171,6 +172,40 @@ def test_factorizations_of_past_states_are_not_kept(session: Session) -> None:
         session.move("committed", right(0.01))
         commit(session)
     assert len(session.factors) <= 2
+
+
+# --- the quality that a COMMIT answers --------------------------------------------------------------------------------
+
+
+class Counting(StandIn):
+    judged: ClassVar[list[Any]] = []
+
+    def summary(self, points: Any) -> Any:
+        self.judged.append(points)
+        return super().summary(points)
+
+
+def test_coordinates_that_the_move_has_judged_are_not_judged_again(tmp_path: Path) -> None:
+    session = built(tmp_path, Counting)
+    outcome = session.move("committed", right(0.1))
+    Counting.judged.clear()
+    assert commit(session).quality is outcome.motion.corrected
+    assert not Counting.judged
+    session.close()
+
+
+@pytest.mark.parametrize("shift", [0.0, -0.37])
+@pytest.mark.parametrize("frame", ["committed", "reference"])
+def test_the_quality_is_that_of_the_committed_coordinates_bitwise(tmp_path: Path, shift: float, frame: str) -> None:
+    session, again = built(tmp_path, Counting, shift), 0
+    for x in (0.05, 0.1, 0.17, 0.13, 0.21):
+        session.move(frame, [np.tile([x, x / 7], (5, 1))])
+        Counting.judged.clear()
+        quality = commit(session).quality
+        again += len(Counting.judged)
+        assert quality == session.model.summary(session.coordinates("committed"))
+    assert again if (shift, frame) == (-0.37, "reference") else not again
+    session.close()
 
 
 # --- cells that are with the client ----------------------------------------------------------------------------------
@@ -262,7 +297,6 @@ def test_a_boundary_of_which_a_node_is_on_no_patch_does_not_determine_the_motion
 
 
 def with_a_trial(level: str) -> tuple[Session, FailingFiles]:
-    """A session in TRIAL of step 1, and its disk."""
     files = FailingFiles(ModelFiles(), for_ever=False)
     driver = make_driver(SessionStore("/state", files=files), [grid_mesh()], spec={"durability": level})
     driver.open()

@@ -25,8 +25,3 @@ def test_the_table_is_complete_and_cannot_be_changed() -> None:
     assert all(set(row) == set(Operation) for row in TABLE.values())
     with pytest.raises(TypeError):
         TABLE[State.NEW][Operation.MOVE] = State.READY  # type: ignore[index]
-
-
-def test_a_refusal_says_why_and_what_to_do() -> None:
-    refusals = {cell for row in TABLE.values() for cell in row.values() if isinstance(cell, Refusal)}
-    assert all(refusal.message and refusal.hint for refusal in refusals)

@@ -6,10 +6,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from mesh_motion_protocol.errors import DataLoss, InvalidInput, MeshMotionError, ResourceExhausted, SessionError
-from raising import raising
+from mesh_motion_protocol.errors import DataLoss, MeshMotionError, ResourceExhausted, SessionError
 
-from mesh_motion_server.session import store as store_module
 from mesh_motion_server.session.spec import StoredSpec
 from mesh_motion_server.session.state import State
 from mesh_motion_server.session.store import SessionStore, StoredSession
@@ -93,23 +91,6 @@ def test_closing_a_session_that_was_never_built_removes_it(store: SessionStore) 
     driver = make_driver(store, [grid_mesh()])
     driver.host.close()
     assert list((store.root / "sessions").iterdir()) == []
-
-
-def test_a_large_mesh_is_written_during_its_check(
-    store: SessionStore, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    build(store).host.close()
-    written = (store.root / "sessions" / SESSION / "mesh.bin").read_bytes()
-    monkeypatch.setattr(store_module, "_LARGE_MESH", 0)
-    second = SessionStore(tmp_path / "second")
-    build(second).host.close()
-    folder = second.root / "sessions" / SESSION
-    assert (folder / "mesh.bin").read_bytes() == written
-    monkeypatch.setattr("mesh_motion_server.session.session.checked_model", raising(InvalidInput("unusable")))
-    refused = make_driver(second, [grid_mesh()], session=OTHER)
-    assert refused.open()[-1].message == "unusable"
-    assert not (second.root / "sessions" / OTHER / "mesh.bin").exists()
-    refused.host.close()
 
 
 def test_a_state_folder_that_cannot_be_written(tmp_path: Path) -> None:

@@ -35,21 +35,17 @@ class Counted(PosixFileSystem):
         return handle
 
     def create(self, path: Path, size: int) -> int:
-        """See FileSystem."""
         return self._opened(super().create(path, size))
 
     def open(self, path: Path, *, writable: bool = True) -> int:
-        """See FileSystem."""
         if writable:
             self.written.add(path.name)
         return self._opened(super().open(path, writable=writable))
 
     def lock(self, path: Path) -> int:
-        """See FileSystem."""
         return self._opened(super().lock(path))
 
     def close(self, handle: int) -> None:
-        """See FileSystem."""
         self.handles.remove(handle)
         super().close(handle)
 
@@ -65,7 +61,6 @@ def store(tmp_path: Path, files: Counted) -> SessionStore:
 
 
 def build(store: SessionStore, session: str = SESSION, **spec: Any) -> None:
-    """A session at rest at step 0."""
     folder = store.create(make_spec(session, **spec))
     folder.build([grid_mesh()], NODES, 8).close()
     folder.release()

@@ -65,7 +65,6 @@ def _required(own: Sequence[Distribution], extras: set[str]) -> list[Distributio
 
 
 def _link(found: Distribution, packages: Path) -> None:
-    """Link the files of a distribution, by links to their outermost folders."""
     for name in {path.parts[0] for path in found.files or () if path.parts[0] not in ("..", "__pycache__")}:
         source, link = Path(str(found.locate_file(name))), packages / name
         if not link.exists():
@@ -73,7 +72,6 @@ def _link(found: Distribution, packages: Path) -> None:
 
 
 def tracked() -> list[str]:
-    """The files of the checkout that git tracks, or will track."""
     command = ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"]
     listed = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     if listed.returncode:
@@ -82,6 +80,5 @@ def tracked() -> list[str]:
 
 
 def names_in(wheel: Path) -> set[str]:
-    """Names of the files in a wheel."""
     with zipfile.ZipFile(wheel) as archive:
         return set(archive.namelist())

@@ -10,7 +10,6 @@ from mesh_motion_server.session.journal import journal as journal_module
 
 
 def believe_every_slot(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Seed the bug."""
     honest = journal_files.view_slot
 
     def believe(path: Any, files: Any, foundation: Any) -> Any:

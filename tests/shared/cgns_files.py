@@ -44,7 +44,6 @@ def _label(group: Any, name: str, label: str, kind: str) -> None:
 
 
 def add_cells(zone: Any, cells: dict[str, NDArray[np.int64]]) -> None:
-    """A section for the cells of each type."""
     numbers, first = {name: number for number, name in TYPES.items()}, 1
     for name, nodes in cells.items():
         section = add_node(zone, name, "Elements_t", np.array([numbers[name], 0]))

@@ -89,14 +89,12 @@ class Browser:
         return str(self.run("return document.querySelector(arguments[0])?.innerText ?? ''", selector))
 
     def texts(self, selector: str) -> list[str]:
-        """Return the texts of all such elements."""
         found: list[str] = self.run(
             "return [...document.querySelectorAll(arguments[0])].map((e) => e.innerText)", selector
         )
         return found
 
     def wait(self, holds: Callable[[], Any], what: str) -> Any:
-        """Wait until the condition holds; the error has the page's errors of this time."""
         try:
             return wait_until(holds, what, _PATIENCE)
         except Exception as error:
@@ -131,7 +129,6 @@ class Browser:
         return [line for line in lines if "ERR_" not in line]
 
     def violations(self) -> list[str]:
-        """The violations of WCAG 2.2 A and AA that axe-core finds."""
         self.run(AXE.read_text(encoding="utf-8"))
         tags = ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa"]
         found = self.driver.execute_async_script(

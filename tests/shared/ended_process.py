@@ -12,7 +12,6 @@ class EndedChild(Child):
         self.killed = 0
 
     def kill(self) -> None:
-        """See Child."""
         self.killed += 1
 
     def _status(self) -> int | None:

@@ -72,8 +72,6 @@ mergeTolerance 1e-6;
 
 @dataclass
 class FoamCase:
-    """A case in a folder; programs are run in it."""
-
     folder: Path
     output: str = ""
 
@@ -91,7 +89,6 @@ class FoamCase:
         return cls(folder)
 
     def run(self, *command: str) -> str:
-        """Run a program, which must succeed; return its output."""
         root = os.environ.get("WM_PROJECT_DIR", "/usr/share/openfoam")
         environment = os.environ | {"FOAM_ETC": f"{root}/etc", "WM_PROJECT_DIR": root, "PWD": str(self.folder)}
         done = subprocess.run(

@@ -61,7 +61,6 @@ PATCHES = {name: np.unique([face.nodes for face in FACES if face.patch == name])
 
 
 def rows(values: object, form: str = "%r", separator: str = " ", first: int | None = None) -> str:
-    """Lines of numbers, each with its own number in front, from ``first`` on."""
     lines = [separator.join(form % value for value in row) for row in np.asarray(values).tolist()]
     if first is not None:
         lines = [f"{number}{separator}{line}" for number, line in enumerate(lines, start=first)]
@@ -69,7 +68,6 @@ def rows(values: object, form: str = "%r", separator: str = " ", first: int | No
 
 
 def fluent(path: Path) -> None:
-    """Fluent's text format; the normals of the faces point into the first cell."""
     zones, begin = "", 1
     numbers = {"": (2, 7), "far": (9, 3), "sides": (7, 4), "wall": (3, 5)}  # bc-type and zone of each patch
     for name, (kind, zone) in numbers.items():
@@ -303,12 +301,10 @@ def vtk(path: Path) -> None:
 
 
 def own(path: Path) -> None:
-    """This project's format."""
     write_mesh(path, MeshFile(POINTS, {"hexahedron": CELLS}, PATCHES, path))
 
 
 def su2(path: Path) -> None:
-    """SU2's format."""
     markers = "".join(
         f"MARKER_TAG= {name}\nMARKER_ELEMS= {len(of)}\n{rows([[9, *face.nodes] for face in of])}"
         for name in PATCHES
@@ -322,7 +318,6 @@ def su2(path: Path) -> None:
 
 
 def gmsh(path: Path) -> None:
-    """Gmsh's format, version 2.2."""
     outer = [face for face in FACES if face.patch]
     names = list(PATCHES)
     listed = [[3, 2, 1 + names.index(face.patch), 1, *(n + 1 for n in face.nodes)] for face in outer]
@@ -452,7 +447,6 @@ def xdmf_hdf5(path: Path) -> None:
 
 
 def xdmf_binary(path: Path) -> None:
-    """XDMF with the numbers in a raw file, one after the other."""
     raw = bytearray()
 
     def item(_: str, values: NDArray[Any]) -> str:

@@ -56,7 +56,6 @@ def made_up_events(steps: int, *, seed: int = 0, dimension: int = 2, iterations:
 
 
 def write_history(session_folder: Path, steps: int, *, segments: int = 1, **options: Any) -> list[dict[str, Any]]:
-    """Write such a history, in this many segments; return its events."""
     folder = session_folder / "history"
     folder.mkdir(parents=True, mode=0o700)
     events = list(made_up_events(steps, **options))
@@ -68,7 +67,6 @@ def write_history(session_folder: Path, steps: int, *, segments: int = 1, **opti
 
 
 def put_events(session_folder: Path, events: Iterable[dict[str, Any]], number: int = 0) -> Path:
-    """Write a segment of these events; return the session's folder."""
     folder = session_folder / "history"
     folder.mkdir(parents=True, exist_ok=True)
     text = "".join(json.dumps(event) + "\n" for event in events)
@@ -77,12 +75,10 @@ def put_events(session_folder: Path, events: Iterable[dict[str, Any]], number: i
 
 
 def resumed_at(step: int, at: float = BEGIN + 1e6) -> dict[str, Any]:
-    """The event of a resumption."""
     return {"at": at, "event": "resumed", "step": step, "epoch": 2, "version": "0.0.0", "maker": "made up"}
 
 
 def go_on(folder: Path, steps: int, more: int) -> None:
-    """Let a made-up session with this many steps make some more."""
     segment = max((folder / "history").glob("events-*.jsonl"))
     with segment.open("a", encoding="utf-8") as file:
         for event in made_up_events(steps + more):
@@ -96,7 +92,6 @@ def lowest_quality(step: int) -> float:
 
 
 def largest_angle(step: int) -> float:
-    """The largest non-orthogonality after a step, degrees."""
     return 90.0 - 60.0 * lowest_quality(step)
 
 
@@ -162,7 +157,6 @@ def _committed(step: int, chance: random.Random, dimension: int) -> dict[str, An
 
 
 def refused(step: int, message: str = "no valid mesh found: 3 of 722 cells are inverted") -> dict[str, Any]:
-    """A refusal as a history records it, without the time."""
     return {
         "event": "refused",
         "request": "MOVE",

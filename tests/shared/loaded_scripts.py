@@ -7,7 +7,6 @@ from types import ModuleType
 
 
 def loaded(path: Path) -> ModuleType:
-    """The module of a file, loaded again."""
     spec = importlib.util.spec_from_file_location(f"loaded_{path.parent.name}_{path.stem}", path)
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module  # dataclasses look up their module

@@ -34,7 +34,6 @@ def one_line(path: Path, message: str) -> None:
 
 
 def replaced(path: Path, old: str, new: str, count: int = -1) -> Path:
-    """Write the text file with other words in it."""
     text = path.read_text()
     assert old in text
     path.write_text(text.replace(old, new, count))

@@ -35,12 +35,10 @@ def mesh_of(file):
 
 
 def whole(kind, count):
-    """The mesh in one piece."""
     return mesh_of(box_file(kind, count))
 
 
 def cut(kind, count, ranks):
-    """The mesh in several pieces."""
     return [mesh_of(part) for part in partitions(box_file(kind, count), ranks)]
 
 

@@ -66,7 +66,6 @@ def blocks_of(page: str) -> list[Block]:
 
 
 def steps_of(blocks: list[Block]) -> list[Block]:
-    """The blocks of the page's own story."""
     return [block for block in blocks if block.mark not in ("not run", "run by")]
 
 
@@ -175,7 +174,6 @@ def _free_port() -> int:
 
 
 def _printed(output: str) -> dict[int, str]:
-    """For each block's line the printed text."""
     parts = output.split("\036")[1:]
     return {int(number): text for number, _, text in (part.partition("\n") for part in parts)}
 

@@ -25,7 +25,6 @@ def boxed(count: int) -> PartitionMesh:
 
 
 def bulge(driver: Driver, size: float) -> list[Any]:
-    """The left side bulges; its ends, shared with the walls, stay."""
     return [
         np.stack([size * np.sin(np.pi * m.points[i, 1]), 0 * i], axis=1)
         for m, i in zip(driver.meshes, driver.moving, strict=True)
@@ -35,7 +34,6 @@ def bulge(driver: Driver, size: float) -> list[Any]:
 def new_session(
     store: SessionStore, meshes: list[PartitionMesh], session: str = SESSION, level: str = "full", **settings: Any
 ) -> Driver:
-    """Return a driver of a new session with these settings of its method."""
     method = MethodSettings.from_mapping(settings)
     spec = make_spec(session, partitions=len(meshes), durability=level, settings=method)
     limits = ServerSettings(reserve_disk_bytes=0)

@@ -10,7 +10,6 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 def blocks(page: str, language: str) -> list[str]:
-    """The blocks of the page in a language."""
     return re.findall(rf"```{language}\n(.*?)```", page, re.DOTALL)
 
 

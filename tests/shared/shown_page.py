@@ -39,7 +39,6 @@ def serving(folder: Path) -> Iterator[ServerProcess]:
 
 
 def show(tab: Browser, server: ServerProcess, session: str, *, mesh: bool = True, **window: Any) -> None:
-    """Open the page at a session, and wait until its charts and mesh are there."""
     tab.show(f"http://{server.settings['monitor']}/#{session}", **window)
     await_session(tab, session, mesh=mesh)
 

@@ -7,7 +7,6 @@ from tests.faults.waiting import wait_until
 
 
 def address_of(server):
-    """The address of the pages of a server process."""
     return server.announced["metrics"].replace("tcp://", "http://")
 
 

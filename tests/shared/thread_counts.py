@@ -19,7 +19,6 @@ def on_threads(threads: int) -> Iterator[None]:
 
 
 def on_one_and_on_all_threads(make: Callable[[], Any]) -> list[Any]:
-    """Return the results on one thread, and on all available threads."""
     found = []
     for threads in (1, kernels.get_threads()):
         with on_threads(threads):

@@ -25,7 +25,6 @@ _DIMENSION = {"line": 1, "triangle": 2, "quad": 2}
 
 
 def tiny_meshes(rows: int = 4) -> Iterator[tuple[str, Mesh]]:
-    """:func:`tiny_mesh` for each type of cell, with its name."""
     for name in _CUTS:
         yield name, tiny_mesh(name, rows)
 

@@ -22,8 +22,6 @@ PYTHONPATH = os.pathsep.join([str(HERE), *filter(None, [os.environ.get("PYTHONPA
 
 
 class Server(ServerProcess):
-    """The server under test."""
-
     def __init__(self, folder, *arguments, environment=(), **options):
         super().__init__(folder, environment={"PYTHONPATH": PYTHONPATH} | dict(environment), **options)
         self._arguments = arguments
@@ -80,7 +78,6 @@ def server_starter(base, servers):
 
 @pytest.fixture
 def start(tmp_path):
-    """Starts servers that the test may kill."""
     servers = []
     yield server_starter(tmp_path, servers)
     for server in servers:
@@ -113,8 +110,6 @@ def connect():
 
 @pytest.fixture
 def open_session(connect):
-    """OPEN on the server's control endpoint and JOIN on the data endpoint."""
-
     def open_session(server, **fields):
         opened = connect(server.endpoint).ask(Open, dimension=2, **fields)
         assert opened.type == "OPENED", opened
@@ -127,8 +122,6 @@ def open_session(connect):
 
 
 class ClientKeys:
-    """A client's keys and its public one."""
-
     def __init__(self, name, folder, server):
         self.public = make_client_keys(name, folder).key
         self.secret = SecretKey.load(folder / f"{name}.secret").key
@@ -148,7 +141,6 @@ def make_keys(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def make_module_server(tmp_path_factory):
-    """Starts servers that live as long as a module."""
     servers = []
     yield server_starter(tmp_path_factory.mktemp("module"), servers)
     for server in servers:

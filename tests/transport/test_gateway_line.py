@@ -17,8 +17,6 @@ from mesh_motion_server.transport.self_test import ProtectionError
 
 
 class Script:
-    """A line whose gateways say ``words``, one each, when they are started."""
-
     def __init__(self) -> None:
         self.selector = selectors.DefaultSelector()
         self.words: list[dict[str, Any] | None] = []
@@ -29,11 +27,9 @@ class Script:
         self.line = GatewayLine(self.selector, "tcp://127.0.0.1:0", self.launch, self.take)
 
     def take(self, peer: bytes, user: str, frame: bytes) -> None:
-        """A request came."""
         self.requests.append((peer, user, frame))
 
     def launch(self, endpoint: str) -> Child:
-        """A gateway that was started."""
         if self.refusal is not None:
             raise self.refusal
         channel, line = Channel.pair()
@@ -51,7 +47,6 @@ class Script:
         self.line.keep_time(time.monotonic())
 
     def close(self) -> None:
-        """Give the sockets back."""
         for child, line in zip(self.children, self.theirs, strict=True):
             child.channel.close()
             line.close()

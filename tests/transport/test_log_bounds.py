@@ -56,7 +56,6 @@ def test_an_exception_is_logged_by_type_and_places_only():
 
 @pytest.fixture
 def lines(monkeypatch):
-    """Logging set up on a stream of the test's own; the lines as they are."""
     stream = io.StringIO()
     monkeypatch.setattr("sys.stderr", stream)
     root = logging.getLogger()

@@ -48,7 +48,6 @@ class Scripted:
         return self.children[-1]
 
     def close(self) -> None:
-        """Give the sockets back."""
         for child, line in zip(self.children, self.theirs, strict=True):
             child.channel.close()
             line.close()

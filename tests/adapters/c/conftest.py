@@ -24,7 +24,6 @@ PATIENCE = 120.0
 
 
 def run(command, patience=PATIENCE, **options):
-    """A command that must succeed; its output."""
     done = subprocess.run(
         [*map(str, command)], capture_output=True, text=True, check=False, timeout=patience, **options
     )
@@ -38,7 +37,6 @@ def compiled(command, **options):
 
 
 def need(*tools):
-    """Skip where a program is not installed."""
     for tool in tools:
         if shutil.which(tool) is None:
             pytest.skip(f"{tool} is not installed")
@@ -46,7 +44,6 @@ def need(*tools):
 
 @pytest.fixture(scope="session")
 def zmq_flags():
-    """How the compiler finds libzmq."""
     need("pkg-config")
     found = subprocess.run(["pkg-config", "--cflags", "--libs", "libzmq"], capture_output=True, text=True, check=False)
     if found.returncode:
@@ -87,7 +84,6 @@ class Compiler:
         return self.objects[key]
 
     def program(self, *sources, client=CLIENT):
-        """A program of these sources, the last of which says in what language it is linked."""
         objects = [self.object(Path(source)) for source in (*client, *sources)]
         made = self.folder / f"{len(self.objects)}_{Path(sources[-1]).stem}"
         if not made.exists():
@@ -119,7 +115,6 @@ def installed(tmp_path_factory, zmq_flags):
 
 @pytest.fixture(scope="session")
 def endpoint(tmp_path_factory):
-    """Of a real server."""
     with ServerProcess(tmp_path_factory.mktemp("server"), level="error") as server:
         yield server.endpoint
 
@@ -162,8 +157,6 @@ def python_answer(endpoint):
 
 @pytest.fixture
 def check_example(endpoint, python_answer, tmp_path):
-    """Runs an example program and compares it with the Python client, bit for bit."""
-
     def check(*command, **options):
         lines, points = python_answer
         printed = run([*command, endpoint, tmp_path / "points.bin"], **options)

@@ -20,7 +20,6 @@ from tests.faults.server_process import ServerProcess
 
 
 def failed(driver, *only):
-    """The scenarios that a driver program fails."""
     lines = []
     outcomes = conform(Subject(client=shlex.quote(str(driver))), lines.append, only=list(only), quiet=True)
     assert outcomes

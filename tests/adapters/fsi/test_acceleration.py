@@ -32,7 +32,6 @@ class AddedMass:
         return self.factor * x + self.push
 
     def iterate(self, acceleration, iterations):
-        """Residual norms, and the last x."""
         x = np.zeros_like(self.push)
         norms = []
         for _ in range(iterations):

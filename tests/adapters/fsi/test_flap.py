@@ -33,7 +33,6 @@ pytestmark = [
 
 @pytest.fixture(scope="session")
 def flap():
-    """The example as a module, with its library built."""
     specification = importlib.util.spec_from_file_location("perpendicular_flap", EXAMPLE / "flap.py")
     module = importlib.util.module_from_spec(specification)
     specification.loader.exec_module(module)

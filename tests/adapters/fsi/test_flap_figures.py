@@ -13,7 +13,6 @@ EXAMPLE = Path(__file__).resolve().parents[3] / "examples" / "perpendicular_flap
 
 @pytest.fixture
 def proof(monkeypatch):
-    """The script as a module."""
     monkeypatch.syspath_prepend(str(EXAMPLE))
     yield importlib.import_module("proof")
     for name in ("proof", "flap"):

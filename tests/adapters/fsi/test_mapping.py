@@ -6,14 +6,12 @@ from mesh_motion_fsi import Mapping, SetupError
 
 
 def flap(along, across):
-    """Nodes of a flap's sides and top, (n, 2)."""
     y, x = np.linspace(0.0, 1.0, along), np.linspace(-0.05, 0.05, across)[1:-1]
     sides = [np.stack([np.full(along, side), y], axis=1) for side in (-0.05, 0.05)]
     return np.concatenate([*sides, np.stack([x, np.ones_like(x)], axis=1)])
 
 
 def sphere(n):
-    """Points on a sphere, (n, 3)."""
     points = np.random.default_rng(n).normal(size=(n, 3))
     return points / np.linalg.norm(points, axis=1)[:, None]
 

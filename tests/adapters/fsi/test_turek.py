@@ -24,7 +24,6 @@ needs_openfoam = pytest.mark.skipif(
 
 @pytest.fixture
 def scripts(monkeypatch):
-    """The example's modules."""
     monkeypatch.syspath_prepend(str(EXAMPLE))
     names = ("channel", "turek", "proof", "kratos")
     yield {name: importlib.import_module(name) for name in names}

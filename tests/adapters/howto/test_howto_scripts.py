@@ -42,8 +42,6 @@ def server():
 
 @pytest.fixture
 def run(server):
-    """The lines of a script that runs against the test's server, in a Python that has its code."""
-
     def run_script(script: str, *arguments: object, modules: tuple[str, ...] = ()) -> list[str]:
         python = python_with("msgpack", "zmq", *modules)
         if python is None:

@@ -55,11 +55,9 @@ class Plate:
 
     @property
     def boundary(self):
-        """Rows of the nodes on the edge."""
         return np.flatnonzero(((self.points == 0.0) | (self.points == 1.0)).any(axis=1))
 
     def at(self, axis, value):
-        """Rows of the nodes on one side."""
         return np.flatnonzero(self.points[:, axis] == value)
 
     def turned(self, angle, centre=0.5):
@@ -89,13 +87,11 @@ class Job:
     output: str = field(default="")
 
     def play(self, steps, **changes):
-        """Iterations, velocities and coordinates."""
         self.write(self.folder, steps, **changes)
         assert self.run([self.folder]) == [""], self.output[-4000:]
         return dict(np.load(self.folder / "result.npz"))
 
     def write(self, folder, steps, *, fix=None, remote=None, solver=None, **further):
-        """A job in a folder."""
         settings = {"solver_type": "mesh_motion_kratos.remote_mesh_motion"} | (solver or {})
         if settings["solver_type"].startswith("mesh_motion_kratos"):
             settings["remote"] = {"endpoint": self.endpoint} | (remote or {})
@@ -104,7 +100,6 @@ class Job:
         np.savez(folder / "mesh.npz", **self.mesh)
 
     def run(self, folders):
-        """Play the jobs of some folders in one process; the error that each ended by, empty for none."""
         done = self.runner(PLAYER, *folders, folder=self.folder)
         self.output = done.stdout + done.stderr
         assert done.returncode == 0, self.output[-4000:]

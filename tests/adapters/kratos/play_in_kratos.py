@@ -27,8 +27,6 @@ COMPONENTS = (KM.MESH_DISPLACEMENT_X, KM.MESH_DISPLACEMENT_Y, KM.MESH_DISPLACEME
 
 
 class Player:
-    """One run of a mesh solver."""
-
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.job = json.loads((folder / "job.json").read_text())
@@ -82,7 +80,6 @@ class Player:
                 inner.AddNodes([numbers[node] for node in nodes.tolist()])
 
     def prescribe(self, name: str, values) -> None:
-        """Displacements of a part, in the order of its nodes' numbers."""
         for node, value in zip(self.part.GetSubModelPart(name).Nodes, np.array(values).tolist(), strict=True):
             for component, x in zip(COMPONENTS, value, strict=False):
                 node.SetSolutionStepValue(component, 0, x)
@@ -100,7 +97,6 @@ class Player:
                     node.Free(component)
 
     def play(self):
-        """Displacements of all nodes after every iteration, velocities and coordinates after every step."""
         iterations, velocities, points = [], [], []
         for number, step in enumerate(self.job["steps"]):
             self.time = self.solver.AdvanceInTime(self.time)
@@ -129,7 +125,6 @@ class Player:
 
 
 def ending(folder: Path) -> str:
-    """Play a folder; the error it ended by in one line, empty for none."""
     try:
         Player(folder).play()
     except Exception as error:

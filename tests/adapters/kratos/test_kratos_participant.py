@@ -14,7 +14,6 @@ from mesh_motion_kratos.settings import RemoteSettings
 
 @pytest.fixture
 def begin(mesh_motion_server, stand_in, tmp_path):
-    """Begins participants of the stand-in and ends those left."""
     begun, said = [], []
 
     def start(part=stand_in, *, restarted=False, **settings):
@@ -30,7 +29,6 @@ def begin(mesh_motion_server, stand_in, tmp_path):
 
 
 def push(part, plate, displacement):
-    """Prescribe the edge's displacement."""
     part.values[plate.boundary] = displacement[plate.boundary]
 
 

@@ -13,12 +13,10 @@ WRAPPER = Path(__file__).with_name("wrapper_in_kratos.py")
 
 
 def wall(plate, displacement):
-    """One iteration: the edge's part of a displacement of all nodes."""
     return {"wall": displacement[plate.boundary]}
 
 
 def bent(plate, amount):
-    """The right side moves to the right, most in its middle."""
     x, y = plate.points.T
     return np.column_stack([amount * x * np.sin(np.pi * y), np.zeros_like(x)])
 

@@ -46,8 +46,6 @@ def mesh_motion_server():
 
 @dataclass
 class Case:
-    """A copy of the tutorial case, and what is done with it."""
-
     folder: Path
     environment: dict[str, str]
     output: str = field(default="")
@@ -68,7 +66,6 @@ class Case:
         path.write_text(f"{head}    method {{ {text} }}\n    {further}\n}}\n")
 
     def run(self, *command, ranks=1, expect=0):
-        """A program in the case's folder; what it printed."""
         if ranks > 1:
             command = ["mpirun", "--oversubscribe", "-np", str(ranks), *command, "-parallel"]
         done = subprocess.run(
@@ -80,7 +77,6 @@ class Case:
         return self.output
 
     def start(self, *command, log):
-        """The same without waiting for its end."""
         return subprocess.Popen(command, cwd=self.folder, env=self.environment, stdout=log, stderr=log)
 
     def check_ranks(self, time, expected, ranks=2, atol=1e-10):
@@ -105,12 +101,10 @@ class Case:
         return self.numbers(f"{time}/polyMesh/points", 3)
 
     def faces(self):
-        """Point labels of each face."""
         body = (self.folder / "constant/polyMesh/faces").read_text()
         return [[int(label) for label in face.split()] for face in re.findall(r"\d\(([\d ]+)\)", body)]
 
     def patch(self, name):
-        """The labels of the faces of a patch."""
         body = (self.folder / "constant/polyMesh/boundary").read_text()
         found = re.search(rf"\b{name}\s*\{{.*?nFaces\s+(\d+);.*?startFace\s+(\d+);", body, re.DOTALL)
         return range(int(found[2]), int(found[2]) + int(found[1]))

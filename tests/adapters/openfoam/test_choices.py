@@ -22,7 +22,6 @@ def change(case, name, *changes):
 
 
 def points_of(case, patch):
-    """The points of a patch's faces."""
     faces = case.faces()
     return np.unique([point for i in case.patch(patch) for point in faces[i]])
 

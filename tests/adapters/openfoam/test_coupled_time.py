@@ -19,7 +19,6 @@ REFUSING = "correction none; sub_steps never; quality_threshold 0.3; support_rad
 
 @pytest.fixture(scope="session")
 def scripted(tmp_path_factory, foam_environment):
-    """The library with the function object."""
     library = tmp_path_factory.mktemp("scripted") / "libscripted.so"
     headers = Path(foam_environment["OPENFOAM_HEADERS"]) / "src"
     places = [word for part in HEADERS for word in ("-isystem", headers / part / "lnInclude")]
@@ -55,7 +54,6 @@ def coupled(make_case, scripted):
 
 
 def steps(output):
-    """(step, iteration) of each move."""
     return [(int(s), int(i)) for s, i in re.findall(r"step (\d+), iteration (\d+): least", output)]
 
 

@@ -19,7 +19,6 @@ AFFINE = np.array([[1.1, 0.3, -0.2], [-0.25, 0.9, 0.1], [0.05, 0.2, 1.2]])
 
 @pytest.fixture(scope="module")
 def program(tmp_path_factory, foam_environment):
-    """The program that moves a mesh once and writes what its faces sweep."""
     built = tmp_path_factory.mktemp("swept") / "swept_faces"
     headers = Path(foam_environment["OPENFOAM_HEADERS"]) / "src"
     places = [word for part in HEADERS for word in ("-isystem", headers / part / "lnInclude")]

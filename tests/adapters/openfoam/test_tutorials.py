@@ -14,7 +14,6 @@ ADAPTER = Path(__file__).resolve().parents[3] / "adapters" / "openfoam"
 
 @pytest.fixture
 def tutorials(monkeypatch):
-    """The script as a module."""
     specification = importlib.util.spec_from_file_location("openfoam_tutorials", ADAPTER / "tutorials.py")
     module = importlib.util.module_from_spec(specification)
     monkeypatch.setitem(sys.modules, specification.name, module)

@@ -17,7 +17,6 @@ MOTION = [[0.05, 0.02], [-0.03, 0.04]]
 
 
 def square_with_block():
-    """Points, triangles and patches: nodes of a grid without the inside of the block [0.4, 0.6]²."""
     axis = np.arange(SIDE + 1)
     x, y = (values.ravel() for values in np.meshgrid(axis, axis, indexing="xy"))
     inside = (x > LOW) & (x < HIGH) & (y > LOW) & (y < HIGH)
@@ -54,8 +53,6 @@ def server():
 
 @pytest.fixture
 def script(square):
-    """Makes a script of the other participants."""
-
     def make(iterations, received=None, **more):
         volume = {"points": None if received is None else received.tolist(), "data": ["NodeDisplacement"]}
         wet = {"points": None, "data": ["Displacement"]}
@@ -70,13 +67,11 @@ def script(square):
 
 @pytest.fixture
 def stub(script):
-    """Makes a participant of the stub."""
     return lambda *arguments, **more: Stub("MeshMotion", script(*arguments, **more), 0, 1)
 
 
 @pytest.fixture
 def case(tmp_path, square):
-    """Writes a participant's file and its mesh."""
     arrays = {f"patch_{name}": patch.nodes for name, patch in square.patches.items()}
     np.savez(tmp_path / "mesh.npz", points=square.points, cells_triangle=square.cells["triangle"], **arrays)
 

@@ -40,8 +40,6 @@ def amplitude(time):
 
 
 class Script:
-    """What the other participants do."""
-
     def __init__(self, values):
         self.dimensions = values.get("dimensions", 2)
         self.window = values.get("window", 0.1)

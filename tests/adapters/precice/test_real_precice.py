@@ -24,7 +24,6 @@ needs_precice = pytest.mark.skipif(
 
 
 def started(folder, *command):
-    """A participant in a process of its own, in the folder where the participants find each other."""
     paths = [HERE, ROOT / "adapters" / "precice", os.environ.get("PYTHONPATH", "")]
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, map(str, paths)))}
     command = [sys.executable, *map(str, command)]
@@ -33,7 +32,6 @@ def started(folder, *command):
 
 
 def finished(folder, *participants, seconds=120):
-    """Wait for all; end those that are left when one fails."""
     try:
         for process in reversed(participants):  # ours first: one that ends early leaves the others waiting
             assert process.wait(seconds) == 0, "\n".join(path.read_text()[-2000:] for path in folder.glob("log.*"))

@@ -33,13 +33,6 @@ def test_scaling_along_the_axes_is_the_same_for_all(name: str, B, expected) -> N
     np.testing.assert_allclose(corrected(name, B), expected, atol=1e-14)
 
 
-def test_two_reversed_directions_are_half_a_turn_for_all_but_eigen() -> None:
-    """Thesis Fig. 5.8: valid by its determinant."""
-    B = np.diag([-0.5, -0.4])
-    np.testing.assert_allclose(corrected("eigen", B), np.diag([0.1, 0.1]), atol=1e-15)
-    np.testing.assert_allclose(corrected("polar", B), np.diag([-0.5, -0.5]), atol=1e-15)
-
-
 @given(seed=st.integers(0, 2**32 - 1), d=st.sampled_from([2, 3]))
 def test_what_is_kept_and_what_grows(seed: int, d: int) -> None:
     B = np.eye(d) + np.random.default_rng(seed).normal(size=(d, d))

@@ -11,7 +11,6 @@ DIMENSIONS = pytest.mark.parametrize("d", [2, 3])
 
 
 def turn(angle: float, axis: tuple[float, float, float] | None = None) -> np.ndarray:
-    """Rotation matrix, in 2D without an axis, by Rodrigues' formula with one."""
     if axis is None:
         return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
     x, y, z = np.array(axis) / np.linalg.norm(axis)
@@ -67,22 +66,12 @@ def test_a_turned_and_stretched_cell_is_split_into_turn_and_stretch(angle, axis)
     assert rotation_angle(qr((Q @ stretch)[None]).rotation)[0] == pytest.approx(angle, abs=1e-15)
 
 
-def test_the_sense_of_a_plane_rotation():
-    assert rotation_angle(np.array([turn(-0.4), turn(3.0)])) == pytest.approx([-0.4, 3.0])
-
-
 @DIMENSIONS
 def test_an_inverted_cell_has_one_negative_stretch_and_a_rotation(d):
     B = np.diag([1.5, -0.2, 1.1][:d])[None]
     assert svd(B).stretches[0, -1] == pytest.approx(-0.2)
     np.testing.assert_allclose(polar(B).rotation[0], np.eye(d), atol=1e-15)  # not a reflection: thesis (5.12)
     assert np.linalg.eigvalsh(polar(B).stretch[0])[0] == pytest.approx(-0.2)
-
-
-def test_eigenvalues_separate_scaling_from_turning():
-    scaled, turned = eigen(np.array([np.diag([3.0, -0.5]), turn(0.7)])).values
-    np.testing.assert_allclose(scaled, [-0.5, 3.0])
-    np.testing.assert_allclose(turned, [np.exp(-0.7j), np.exp(0.7j)])
 
 
 def test_two_reversed_directions_are_half_a_turn():

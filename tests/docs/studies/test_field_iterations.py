@@ -18,7 +18,6 @@ from docs.studies.thesis._predictors import InterpolantField
 
 
 def field_of(problem: CorrectionProblem) -> InterpolantField:
-    """The standard motion."""
     displacement = (problem.standard - problem.start)[problem.held]
     return InterpolantField(problem.factorization.solve(displacement))
 

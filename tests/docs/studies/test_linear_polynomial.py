@@ -24,10 +24,3 @@ def test_linear_motion_is_reproduced_with_the_polynomial(name, solver):
     )
     got = evaluation.displacement(made.solve(points @ matrix.T + shift), places)
     assert np.max(np.abs(got - (places @ matrix.T + shift))) < 1e-11
-
-
-@pytest.mark.parametrize("solver", SOLVERS)
-def test_no_motion_gives_exact_zero(solver):
-    made = WithPolynomial(factorize(cloud(100, 3), support_radius=0.3, solver=solver))
-    interpolant = made.solve(np.zeros((len(made.factorization.control_points), 3)))
-    assert (evaluation.displacement(interpolant, np.random.default_rng(0).random((10, 3))) == 0).all()

@@ -6,14 +6,12 @@ from box_meshes import box_mesh
 from mesh_motion_numerics.interpolation.interpolant import factorize
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.quality.metrics import cell_quality, reference_sizes
-from mesh_motion_protocol.errors import InvalidInput
 
-from docs.studies.thesis._many_steps import AccumulatedGradients, ComposedField, predict_many_steps
+from docs.studies.thesis._many_steps import predict_many_steps
 from docs.studies.thesis._predictors import PREDICTORS, CallableField, InterpolantField
 
 
 def square(n: int) -> tuple[np.ndarray, CellTable]:
-    """Triangles and quads, n along a side."""
     mesh = box_mesh("quad + triangle", n)
     return mesh.points, mesh.cells
 
@@ -22,25 +20,6 @@ def affine(matrix: np.ndarray, shift: np.ndarray) -> CallableField:
     return CallableField(
         lambda x: x @ matrix.T + shift, lambda x: np.broadcast_to(matrix, (len(x), len(shift), len(shift)))
     )
-
-
-def swirl(turn: float) -> CallableField:
-    """A rotation about the origin that fades away from it: neither affine nor commuting."""
-
-    def displacement(x):
-        fade = turn * np.exp(-np.sum(x**2, axis=1))[:, None]
-        return fade * np.column_stack([-x[:, 1] - 0.3 * x[:, 0] ** 2, x[:, 0]])
-
-    def gradient(x):
-        fade = turn * np.exp(-np.sum(x**2, axis=1))
-        value = displacement(x)
-        out = -2.0 * value[:, :, None] * x[:, None, :]
-        out[:, 0, 0] += -0.6 * fade * x[:, 0]
-        out[:, 0, 1] -= fade
-        out[:, 1, 0] += fade
-        return out
-
-    return CallableField(displacement, gradient)
 
 
 @pytest.mark.parametrize("name", PREDICTORS)
@@ -55,22 +34,6 @@ def test_affine_steps_are_predicted_exactly_in_their_order(name):
     np.testing.assert_allclose(predicted.size, actual.size, rtol=1e-9)
     np.testing.assert_allclose(predicted.skew, actual.skew, rtol=1e-9)
     assert not np.allclose(predict_many_steps(name, points, cells, sizes, steps[::-1]).skew, actual.skew, rtol=0.01)
-
-
-def test_step_by_step_is_the_same_as_all_at_once():
-    points, cells = square(10)
-    sizes, steps = reference_sizes(points, cells), [swirl(0.2), affine(0.1 * np.eye(2), np.ones(2)), swirl(-0.3)]
-    followed = AccumulatedGradients.of_cells(points, cells)
-    for step in steps:
-        followed = followed.advance(step)
-    quality = followed.quality(points, cells, sizes)
-    expected = predict_many_steps("centre-gradient", points, cells, sizes, steps)
-    np.testing.assert_allclose(quality.size, expected.size, rtol=1e-12)
-    np.testing.assert_allclose(quality.skew, expected.skew, rtol=1e-12)
-    nodes = AccumulatedGradients.at(points)
-    for step in steps:
-        nodes = nodes.advance(step)
-    np.testing.assert_allclose(nodes.places, points + ComposedField(steps).displacement(points), rtol=1e-14)
 
 
 def test_one_dimension_is_the_product_of_the_thesis():
@@ -90,9 +53,3 @@ def test_one_dimension_is_the_product_of_the_thesis():
     exact = predict_many_steps("trial-nodes", points, cells, sizes, steps)
     assert np.abs(predicted.size - exact.size).max() < 0.04
     assert exact.size.min() > 0.0
-
-
-def test_no_step_is_refused():
-    points, cells = square(5)
-    with pytest.raises(InvalidInput, match="at least one step"):
-        predict_many_steps("centre-gradient", points, cells, reference_sizes(points, cells), [])

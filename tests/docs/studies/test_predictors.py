@@ -10,7 +10,6 @@ from mesh_motion_numerics.interpolation import evaluation
 from mesh_motion_numerics.interpolation.interpolant import factorize
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.quality.metrics import cell_quality, reference_sizes
-from mesh_motion_protocol.errors import InvalidInput
 
 from docs.studies.thesis._predictors import PREDICTORS, CallableField, InterpolantField, predict
 
@@ -32,7 +31,6 @@ def test_an_affine_displacement_is_predicted_exactly(name, kind):
 
 
 def interpolated() -> tuple[np.ndarray, CellTable, np.ndarray, InterpolantField]:
-    """A mesh of tetrahedra, its sizes, and the displacement that its nodes get from some of them."""
     mesh = box_mesh("tetra", 6)
     control = mesh.points[::7]
     field = InterpolantField(factorize(control, support_radius=2.0).solve(0.1 * np.sin(4 * control[:, ::-1])))
@@ -49,20 +47,3 @@ def test_trial_nodes_are_exact_for_an_interpolant():
         for name in ("edge-midpoint-gradient", "centre-gradient")
     )
     assert edge < 0.3 * centre < 0.01
-
-
-def test_a_mesh_larger_than_one_batch(monkeypatch):
-    points, cells, sizes, field = interpolated()
-    for name in PREDICTORS:
-        whole = predict(name, points, cells, sizes, field)
-        monkeypatch.setattr("docs.studies.thesis._predictors._BATCH", 100)
-        parts = predict(name, points, cells, sizes, field)
-        monkeypatch.undo()
-        np.testing.assert_array_equal(whole.size, parts.size)
-        np.testing.assert_array_equal(whole.skew, parts.skew)
-
-
-def test_an_unknown_predictor_is_refused():
-    points, cells, sizes, field = interpolated()
-    with pytest.raises(InvalidInput, match="unknown predictor 'oracle'; known are trial-nodes, edge-midpoint-gradient"):
-        predict("oracle", points, cells, sizes, field)

@@ -1,6 +1,5 @@
 """Sampled prediction misses nothing: exact minimum, true bounds, every cell type, through the real path too."""
 
-import mesh_motion_kernels as kernels
 import numpy as np
 import pytest
 from box_meshes import box_mesh
@@ -10,7 +9,6 @@ from mesh_motion_numerics.interpolation.interpolant import Interpolant, factoriz
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.mesh.paths import fit_rigid_motion
 from mesh_motion_numerics.quality.metrics import QUALITY_METRICS, cell_quality, cells_at_rest, reference_sizes
-from mesh_motion_protocol.errors import InvalidInput
 
 from docs.studies.thesis._linear_polynomial import WithPolynomial
 from docs.studies.thesis._sampling import BOUNDS, ExpandableField, SampledQuality, predict_sampled
@@ -22,7 +20,6 @@ KINDS = ("quad", "quad + triangle", "tetra", "hexahedron", "wedge", "pyramid")
 
 
 def moved_box(kind: str, *, size: float, radius: float = 0.8, n: int = 10) -> tuple[np.ndarray, CellTable, Interpolant]:
-    """A mesh and the interpolant of its body's displacement."""
     mesh = box_mesh(kind, n)
     displacement = np.zeros((len(mesh.outer) + len(mesh.body), mesh.points.shape[1]))
     displacement[len(mesh.outer) :, 0] = size
@@ -114,32 +111,6 @@ def test_the_remainder_bounds_the_gradient_in_the_ball(basis):
         assert (np.linalg.norm(gradient - model, ord=2, axis=(1, 2)) <= bound).all()
 
 
-def test_groups_hold_every_cell_once_in_its_ball():
-    points, cells, _ = moved_box("quad + triangle", size=0.1)
-    groups = group_cells(points, [block.nodes for block in cells], 7)
-    assert sorted(groups.order) == list(range(len(cells)))
-    group, first = groups.group_of, 0
-    for block in cells:
-        mine = group[first : first + len(block)]
-        away = np.linalg.norm(points[block.nodes] - groups.centres[mine][:, None], axis=2)
-        assert (away <= groups.radii[mine][:, None] * (1 + 1e-12)).all()
-        first += len(block)
-
-
-@pytest.mark.parametrize("bound", BOUNDS)
-def test_the_same_bits_every_time_and_for_any_number_of_threads(bound):
-    points, cells, interpolant = moved_box("tetra", size=0.05, n=8)
-    before, found = kernels.get_threads(), []
-    for threads in (1, before, before):
-        kernels.set_threads(threads)
-        found.append(sampled(points, cells, interpolant, groups=8, bound=bound)[0])
-    kernels.set_threads(before)
-    for other in found[1:]:
-        np.testing.assert_array_equal(found[0].least, other.least)
-        np.testing.assert_array_equal(found[0].quality.size, other.quality.size)
-        np.testing.assert_array_equal(found[0].quality.skew, other.quality.skew)
-
-
 def test_a_mesh_that_is_carried_along_is_as_good_as_it_was():
     points, cells, interpolant = moved_box("quad", size=0.0)
     control = interpolant.control_points
@@ -149,13 +120,3 @@ def test_a_mesh_that_is_carried_along_is_as_good_as_it_was():
     found = predict_sampled(points, cells, sizes, ExpandableField(interpolant, rigid), lambda nodes: moved[nodes])
     np.testing.assert_allclose(found.quality.metric("size-skew"), 1.0, rtol=1e-12)
     assert found.in_full.mean() < 0.1
-
-
-def test_wrong_choices_are_refused():
-    points, cells, interpolant = moved_box("quad", size=0.1)
-    with pytest.raises(InvalidInput, match="unknown bound 'hopeful'; known are certain, estimated"):
-        sampled(points, cells, interpolant, bound="hopeful")
-    with pytest.raises(InvalidInput, match="unknown thing to settle 'nothing'"):
-        sampled(points, cells, interpolant, settle="nothing")
-    with pytest.raises(InvalidInput, match="group size of 1 or more"):
-        sampled(points, cells, interpolant, groups=0)

@@ -2,12 +2,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from mesh_motion_numerics.correction.enrichment.functions import (
-    ENRICHMENT_FUNCTIONS,
-    gradients,
-    slope_at_point,
-    values,
-)
+from mesh_motion_numerics.correction.enrichment.functions import ENRICHMENT_FUNCTIONS, gradients, slope_at_point, values
 from mesh_motion_numerics.interpolation.kernels import BASES
 from mesh_motion_numerics.interpolation.kernels import values as phi_values
 

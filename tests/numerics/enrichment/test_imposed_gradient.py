@@ -5,7 +5,6 @@ import pytest
 from mesh_motion_numerics.correction.enrichment.imposed_gradient import (
     ImposedGradient,
     bracketing_slopes,
-    enriched_displacement,
     solve_imposed_gradient,
 )
 from mesh_motion_protocol.errors import InvalidInput, QualityRefused
@@ -16,7 +15,6 @@ NOWHERE = np.empty(0)
 
 
 def contraction(left, right, d_left, d_right):
-    """Boundary nodes and displacements: the ends stay, two nodes move."""
     return np.array([0.0, left, right, 1.0]), np.array([0.0, d_left, d_right, 0.0])
 
 
@@ -93,14 +91,6 @@ def test_gradient_is_the_derivative_of_the_displacement():
     x, h = np.linspace(0.013, 0.97, 50), 1e-6
     difference = (interpolant.displacement(x + h) - interpolant.displacement(x - h)) / (2 * h)
     assert np.allclose(interpolant.gradient(x), difference, atol=1e-8)
-
-
-def test_displacement_of_a_mesh_comes_as_columns():
-    boundary, displacement = contraction(0.2, 0.8, 0.15, -0.15)
-    settings = ImposedGradient(0.3, 1.0)
-    moved = enriched_displacement(NODES[:, None], boundary[:, None], displacement[:, None], np.array([[0.5]]), settings)
-    assert moved.shape == (21, 1)
-    assert np.min(np.diff(NODES + moved[:, 0]) / 0.05) == pytest.approx(0.37887, abs=5e-6)
 
 
 def test_a_point_outside_is_named():

@@ -2,12 +2,7 @@
 
 import numpy as np
 import pytest
-from mesh_motion_numerics.correction.enrichment.placement import (
-    gap_middle,
-    local_minima,
-    spread_placement,
-    worst_cell,
-)
+from mesh_motion_numerics.correction.enrichment.placement import gap_middle, local_minima, spread_placement, worst_cell
 from mesh_motion_numerics.mesh.cells import CellTable
 
 

@@ -11,7 +11,6 @@ C2 = BASES["wendland-c2"]
 
 
 def sphere(n):
-    """Nearly even points on a sphere (golden spiral)."""
     k = np.arange(n) + 0.5
     z, turn = 1 - 2 * k / n, np.pi * (1 + 5**0.5) * k
     return np.column_stack([np.sqrt(1 - z * z) * np.cos(turn), np.sqrt(1 - z * z) * np.sin(turn), z])

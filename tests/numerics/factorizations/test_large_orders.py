@@ -38,7 +38,6 @@ def cloud(order: int) -> tuple[Floats, NDArray[np.bool_]]:
 
 
 def radius_of(order: int, neighbours: int) -> float:
-    """That has about so many of the sphere's points in reach of each."""
     return float(np.sqrt(neighbours * 4.0 * 0.25**2 / (2.0 * order / 3.0)))
 
 

@@ -20,10 +20,6 @@ def test_points_much_closer_than_2_to_the_minus_48_end_up_in_the_last_level():
     assert sorted(np.concatenate(levels).tolist()) == [0, 1, 2, 3]
 
 
-def test_one_point():
-    assert [level.tolist() for level in nested_levels(np.zeros((1, 3)))] == [[0]]
-
-
 def test_neighbours_precede_and_are_the_nearest_that_do():
     points = np.random.default_rng(0).random((800, 3))
     order, near = nearest_preceding(points, nested_levels(points), 16)

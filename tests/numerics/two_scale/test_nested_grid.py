@@ -23,7 +23,6 @@ def _grid(d: int) -> NestedGrid:
 
 
 def _places(d: int, count: int = 2000) -> Floats:
-    """Half of them near the bundle, all in the unit box, padded."""
     rng = np.random.default_rng(9)
     x = rng.random((count, d))
     x[: count // 2] = np.clip(0.38 + 0.08 * rng.normal(size=(count // 2, d)), 0.0, 1.0)

@@ -4,6 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from frame_meshes import tensor_grid
 from mesh_motion_numerics.interpolation import evaluation
 from mesh_motion_numerics.interpolation.interpolant import factorize
 from mesh_motion_numerics.interpolation.two_scale.coarse_points import coarse_points
@@ -158,11 +159,7 @@ def test_coarse_points_are_shared_between_the_body_and_the_rest() -> None:
 
 
 def _bar(rows: int) -> tuple[Floats, CellTable, dict[str, Patch]]:
-    """A unit square of quads with its left side moving."""
-    line = np.linspace(0.0, 1.0, rows + 1)
-    points = np.stack(np.meshgrid(line, line, indexing="ij"), axis=-1).reshape(-1, 2)
-    number = np.arange(len(points)).reshape(rows + 1, rows + 1)
-    quads = np.stack([number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]], axis=-1).reshape(-1, 4)
+    points, quads = tensor_grid(*[np.linspace(0.0, 1.0, rows + 1)] * 2)
     left, right = np.flatnonzero(points[:, 0] == 0.0), np.flatnonzero(points[:, 0] == 1.0)
     below = np.flatnonzero(points[:, 1] == 0.0)
     patches = {"left": Patch("moving", left), "right": Patch("fixed", right), "below": Patch("slip", below)}

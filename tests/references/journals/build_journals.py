@@ -95,13 +95,11 @@ def build(level: str, root: Path) -> dict[str, Any]:
 
 
 def end(host: Any) -> None:
-    """As a kill would; what is not on the disk is lost."""
     session = host._session
     session.close() if session.spec.durability == "full" else session.close(keep=False)
 
 
 def taken_up(root: Path) -> tuple[Any, dict[str, Any]]:
-    """The session in another process, and what it says next."""
     copy = Path(tempfile.mkdtemp(prefix="journal-"))
     folder = copy / "sessions" / SESSION
     folder.mkdir(parents=True)

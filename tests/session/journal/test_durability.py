@@ -53,7 +53,6 @@ def opened(tmp_path: Path) -> Any:
 
 @pytest.fixture
 def held(monkeypatch: pytest.MonkeyPatch) -> threading.Event:
-    """States are stored when this is set."""
     event, honest = threading.Event(), Journal.store
 
     def store(self: Journal, *given: Any) -> None:
@@ -65,7 +64,6 @@ def held(monkeypatch: pytest.MonkeyPatch) -> threading.Event:
 
 
 def records(folder: Path) -> list[str]:
-    """The records of the manifest: what they are, and their steps."""
     reported = []
     for record in read_journal(folder, PosixFileSystem()).records:
         body = record.body
@@ -203,10 +201,7 @@ def diverging(opened: Any, monkeypatch: pytest.MonkeyPatch) -> Any:
 
 
 def test_a_recomputation_that_differs_is_refused(opened: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    with (
-        monkeypatch.context() as patch,
-        pytest.raises(DataLoss, match="computing step 1 again gave digest") as caught,
-    ):
+    with monkeypatch.context() as patch, pytest.raises(DataLoss, match="computing step 1 again gave digest") as caught:
         diverging(opened, patch)
     assert caught.value.code == "DATA_LOSS.RECOVERY_DIVERGED"
     assert caught.value.details["step"] == 1

@@ -36,7 +36,6 @@ def builder() -> Any:
 
 @pytest.fixture(autouse=True)
 def capacity(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The builder makes manifests small, for this test only."""
     monkeypatch.setattr(journal_module, "manifest_capacity", journal_module.manifest_capacity)
 
 

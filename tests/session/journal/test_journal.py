@@ -281,12 +281,10 @@ class Crowded(PosixFileSystem):
     replaced = False
 
     def rename(self, source: Path, target: Path) -> None:
-        """See FileSystem."""
         super().rename(source, target)
         self.replaced = True
 
     def create(self, path: Path, size: int) -> int:
-        """See FileSystem."""
         if self.replaced and path.name == "manifest.new":
             self.close(super().create(path, 0))
             raise OSError(errno.ENOSPC, "No space left on device")
@@ -308,11 +306,6 @@ def test_a_manifest_without_room_for_the_next_one_is_filled(tmp_path: Path, smal
     again = reopen(tmp_path)
     assert again.ledger.step == steps + 1
     again.close()
-
-
-def test_the_record_area_in_bytes() -> None:
-    assert [record_area(partitions) for partitions in (1, 16, 17, 256)] == [20_480, 20_480, 24_576, 81_920]
-    assert record_area(17, commits=8) == 8 * 24_576
 
 
 @pytest.mark.parametrize(

@@ -30,7 +30,6 @@ class Shown(ModelFiles):
     closed_to_writers = False
 
     def open(self, path: Path, *, writable: bool = True) -> int:
-        """See FileSystem."""
         assert not (writable and self.closed_to_writers)
         return super().open(path, writable=writable)
 

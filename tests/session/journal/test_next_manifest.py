@@ -24,7 +24,6 @@ class FullDisk(ModelFiles):
     full = False
 
     def create(self, path: Path, size: int) -> int:
-        """See FileSystem: emptying a file frees its space, and it is gone."""
         handle = super().create(path, 0 if self.full else size)
         if self.full and size:
             self.close(handle)

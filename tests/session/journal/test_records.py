@@ -1,20 +1,9 @@
 """Records: literal bytes, whole pages, and nothing damaged is read."""
 
-import hashlib
-import struct
-
-import msgpack
 from hypothesis import given
 from hypothesis import strategies as st
 
 from mesh_motion_server.session.journal.records import FAMILY, PAGE, find_record, pack_record, unpack_record
-
-
-def test_literal_bytes() -> None:
-    packed = pack_record(3, b"p" * 32, {"kind": "epoch", "epoch": 2})
-    body = msgpack.packb({"kind": "epoch", "epoch": 2})
-    framed = b"MMJRNL\x01\n" + struct.pack("<QQ", 3, len(body)) + b"p" * 32 + body
-    assert packed == (framed + hashlib.sha256(framed).digest()).ljust(4096, b"\0")
 
 
 def test_what_is_packed_is_unpacked() -> None:
@@ -60,10 +49,3 @@ def test_a_record_that_fills_its_page_to_the_last_byte_is_read() -> None:
     assert (len(packed), record.length) == (PAGE, PAGE)
     assert packed[-32:] == record.checksum
     assert find_record(packed, 0) == 0
-
-
-def test_a_record_of_an_unknown_format_is_none() -> None:
-    packed = pack_record(1, bytes(32), {"kind": "epoch", "epoch": 9})
-    body = msgpack.packb({"kind": "epoch", "epoch": 9})
-    framed = FAMILY + b"\x63\n" + packed[8 : 56 + len(body)]
-    assert unpack_record((framed + hashlib.sha256(framed).digest()).ljust(PAGE, b"\0")) is None

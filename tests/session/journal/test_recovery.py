@@ -1,15 +1,13 @@
 """What a crash can leave, and what only damage can."""
 
-from dataclasses import replace
 from typing import Any
 
 import pytest
 from mesh_motion_protocol.errors import DataLoss
 
-from mesh_motion_server.session.journal.ledger import Commit, Foundation, Ledger, slot_of
+from mesh_motion_server.session.journal.ledger import Commit, Foundation, Ledger
 from mesh_motion_server.session.journal.records import FAMILY, PAGE, Record, pack_record, unpack_record
 from mesh_motion_server.session.journal.recovery import SlotView, examine, read_chain
-from mesh_motion_server.session.journal.witness import Witness
 
 CAPACITY = 12 * PAGE
 FOUNDATION = Foundation("0" * 32, b"s", b"m", 1, 1, PAGE)
@@ -107,35 +105,3 @@ def test_a_first_record_that_does_not_verify_is_damage_or_another_format() -> No
     assert caught.value.code == "UNIMPLEMENTED.VERSION"
     with pytest.raises(DataLoss, match="first record"):
         read_chain(other[:8])
-
-
-def replayed(*kinds: str, witnessed: int | None) -> Any:
-    """Judge a journal of level "replay" whose last page knows of the record of this number."""
-    foundation = replace(FOUNDATION, durability="replay", snapshot_steps=8, log_bytes=1 << 20)
-    bodies = [{"kind": "build", **foundation.as_body(), "capacity": CAPACITY, "epoch": 1}]
-    bodies += [{"kind": "epoch", "epoch": number + 2} for number, _ in enumerate(kinds)]
-    records: list[Record] = []
-    packed: list[bytes] = []
-    for sequence, body in enumerate(bodies):
-        packed.append(pack_record(sequence, records[-1].checksum if records else bytes(32), body, format=2))
-        records.append(record_of(packed[-1]))
-    page = b"" if witnessed is None else Witness.of(records[witnessed]).pack()
-    manifest = b"".join(packed[:2]).ljust(CAPACITY, b"\0") + page.ljust(PAGE, b"\0")
-    return examine(manifest, lambda foundation: (BLANK, BLANK), keep=8)
-
-
-@pytest.mark.parametrize("witnessed", [None, 0, 1])
-def test_a_witness_of_what_is_there_says_nothing(witnessed: int | None) -> None:
-    assert replayed("epoch", "epoch", witnessed=witnessed).ledger.epoch == 2
-
-
-def test_a_record_that_was_durable_and_is_not_there_is_damage() -> None:
-    with pytest.raises(DataLoss, match="does not verify, and it did"):
-        replayed("epoch", "epoch", witnessed=2)
-
-
-def test_the_slot_of_a_record() -> None:
-    states = [{"kind": "commit", "step": 3}, {"kind": "snapshot", "slot": 1}, {"kind": "commit", "slot": 0}]
-    packed = [pack_record(1, bytes(32), body, format=1 + (number > 0)) for number, body in enumerate(states)]
-    assert [slot_of(record_of(each)) for each in packed] == [1, 1, 0]
-    assert slot_of(record_of(pack_record(1, bytes(32), {"kind": "epoch", "slot": 1}, format=2))) is None

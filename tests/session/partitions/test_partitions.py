@@ -76,7 +76,6 @@ def test_displacements_are_gathered_by_node(parts: int) -> None:
 
 
 def two() -> list[Any]:
-    """Two partitions that share nodes; the moving side is in both."""
     meshes = split_mesh(grid_mesh(5), 2, 3)
     assert all("left" in mesh.patches for mesh in meshes)
     return list(meshes)

@@ -52,7 +52,6 @@ def test_a_torn_line_is_waited_for_and_passed_over_when_it_is_ended(tmp_path: Pa
 
 
 def test_rotation_and_removal_while_following(tmp_path: Path) -> None:
-    """The reader may be behind the oldest segment left, never out of order, never twice."""
     history, tail = History(tmp_path, 40_000), EventTail(tmp_path)
     found = []
     for step in range(600):

@@ -14,7 +14,6 @@ STEPS = 400
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A history of some 4 MB, of which 200 kB go first."""
     monkeypatch.setattr(reading, "_LATEST", 200 << 10)
     monkeypatch.setattr(reading, "_PIECE", 100 << 10)
     write_history(tmp_path, STEPS, segments=3)

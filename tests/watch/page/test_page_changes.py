@@ -35,7 +35,6 @@ def folder_of(server: ServerProcess, session: str) -> Path:
 
 
 def await_list(tab: Browser, *names: str) -> None:
-    """Until the list has these sessions and no others."""
     tab.wait(lambda: sorted(tab.texts("#sessions .name")) == list(names), f"the list of {', '.join(names)}")
 
 

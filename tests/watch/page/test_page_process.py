@@ -43,8 +43,6 @@ def raw(server: ServerProcess, request: bytes = b"") -> socket.socket:
 
 
 def get(server: ServerProcess, path: str) -> tuple[int, bytes]:
-    """Asked again where the page is away for a moment."""
-
     def ask() -> tuple[int, bytes] | None:
         asked = http.client.HTTPConnection(*address(server), timeout=60)
         with contextlib.closing(asked), contextlib.suppress(OSError, http.client.HTTPException):

@@ -37,7 +37,6 @@ def test_the_page_makes_no_markup_of_text() -> None:
 
 
 def stored(folder: Path, steps: int, session: str = SESSION, history: int = 0, label: str = "wing") -> None:
-    """A session with so many committed steps, and a made-up history."""
     driver = make_driver(SessionStore(folder), [grid_mesh()], session=session, spec={"label": label})
     driver.open()
     for step in range(1, steps + 1):
@@ -89,7 +88,6 @@ def test_a_session_that_is_being_discarded_is_none_that_is_not_built_yet(tmp_pat
 
 
 def append(state: Path, *events: dict[str, Any]) -> None:
-    """Add events to the last segment of the session's history, each with the time now."""
     segment = max((state / "sessions" / SESSION / "history").glob("events-*"))
     with segment.open("a") as file:
         file.writelines(json.dumps({"at": time.time()} | event) + "\n" for event in events)

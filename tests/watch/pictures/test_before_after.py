@@ -27,7 +27,6 @@ MakePlayed = Callable[..., Path]
 
 
 def drawn(pair: MeshPair, page: Page | None = None) -> tuple[Any, dict[str, Any]]:
-    """The figure, and its panels by the first word of their title."""
     page = page or Page(190.0)
     with styled(page):
         figure = draw_before_after(pair, page)
@@ -36,7 +35,6 @@ def drawn(pair: MeshPair, page: Page | None = None) -> tuple[Any, dict[str, Any]
 
 
 def cells_of(axes: Any) -> Any:
-    """The collection of the mesh's cells."""
     return next(each for each in axes.collections if each.get_array() is not None)
 
 

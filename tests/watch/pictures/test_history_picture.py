@@ -25,7 +25,6 @@ MakePlayed = Callable[..., Path]
 
 
 def drawn(runs: list[Run], **options: Any) -> tuple[Any, dict[str, Any]]:
-    """The figure, and its panels by their label."""
     page = options.pop("page", Page())
     with styled(page):
         figure = draw_history(runs, page, **options)
@@ -34,7 +33,6 @@ def drawn(runs: list[Run], **options: Any) -> tuple[Any, dict[str, Any]]:
 
 
 def known(run: Run, **columns: Any) -> Run:
-    """The run with some other columns."""
     return replace(run, columns=run.columns | columns)
 
 

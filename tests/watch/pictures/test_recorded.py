@@ -28,7 +28,6 @@ def folder_of(tmp_path: Path) -> Path:
 
 
 def made_up(tmp_path: Path, steps: int) -> Path:
-    """The session's folder, with a made-up history."""
     folder = folder_of(tmp_path)
     shutil.rmtree(folder / "history")
     write_history(folder, steps)

@@ -9,7 +9,6 @@ SOLIDS = {name: mesh for name, mesh in tiny_meshes(3) if mesh[0].shape[1] == 3}
 
 
 def area(polygon: np.ndarray) -> float:
-    """Signed area."""
     x, y = polygon.T
     return 0.5 * float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
 

@@ -28,7 +28,6 @@ _HARMLESS = {"rich.console": {"Group", "RenderableType"}, "rich.live": {"Live"},
 
 
 def harmless(text: str) -> str:
-    """How a text is to look: the same letters, and a sign for each that steers."""
     return text.translate(dict.fromkeys(map(ord, "\x1b\x07\x9b\u202e"), "�"))
 
 

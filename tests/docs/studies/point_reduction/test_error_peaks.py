@@ -17,22 +17,11 @@ def test_peaks_of_a_wave_on_a_curve() -> None:
     assert (np.diff(size[peaks]) <= 0.0).all()
 
 
-def test_of_equal_neighbours_the_first_is_the_peak() -> None:
-    x = np.arange(5.0)[:, None]
-    assert error_peaks(np.array([0.0, 1.0, 1.0, 0.0, 0.0]), nearest_neighbours(x)).tolist() == [1]
-
-
 def test_no_two_peaks_are_neighbours() -> None:
     of = problem("wing")
     neighbours = nearest_neighbours(of.points)
     peaks = error_peaks(np.random.default_rng(0).random(of.n_points), neighbours)
     assert not np.isin(neighbours[peaks], peaks).any()
-
-
-def test_few_points_have_few_neighbours() -> None:
-    assert nearest_neighbours(np.zeros((1, 3))).shape == (1, 0)
-    assert nearest_neighbours(np.eye(3)).shape == (3, 2)
-    assert error_peaks(np.ones(1), nearest_neighbours(np.zeros((1, 3)))).tolist() == [0]
 
 
 def test_several_points_an_iteration_above_the_share() -> None:

@@ -24,17 +24,6 @@ def test_each_next_one_is_the_farthest_from_all_before(given: list[int]) -> None
             assert found.separation[rank] == pytest.approx(nearest.max(), rel=1e-14)
 
 
-def test_a_prefix_is_as_well_separated_as_its_last_point_and_covers_the_rest() -> None:
-    found = farthest_first(POINTS, np.array([0]))
-    assert np.isinf(found.separation[0])
-    assert (np.diff(found.separation) <= 0.0).all()
-    for count in (2, 10, 100, 299):
-        inside = POINTS[found.order[:count]]
-        apart = distances(inside, inside) + np.diag(np.full(count, np.inf))
-        assert apart.min() == pytest.approx(found.separation[count - 1])
-        assert distances(POINTS, inside).min(axis=1).max() <= found.separation[count - 1]
-
-
 def test_ties_go_to_the_lower_number() -> None:
     square = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0], [0.5, 0.5]])
     assert list(farthest_first(square, np.array([4])).order) == [4, 0, 1, 2, 3]

@@ -1,15 +1,11 @@
 """Clustering on a hierarchy of grids."""
 
-from itertools import pairwise
-
 import numpy as np
 import pytest
 from mesh_motion_numerics.interpolation.interpolant import factorize
-from mesh_motion_numerics.reduction import ReductionProblem
 from reduced_motions import problem
 
 from docs.studies.thesis._point_reduction.grid_clustering import Clusters, reduce
-from docs.studies.thesis._point_reduction.level_sum import LevelSum
 
 POINTS = np.random.default_rng(3).random((400, 3))
 ALL = np.ones(400, dtype=bool)
@@ -26,25 +22,6 @@ def test_clusters_are_the_cells_of_a_grid() -> None:
         assert len(np.unique(cells[clusters.label == label], axis=0)) == 1
 
 
-def test_dividing_some_leaves_the_others_whole() -> None:
-    clusters = Clusters(POINTS)
-    clusters.divide(ALL)
-    before = clusters.label.copy()
-    chosen = before == 3
-    clusters.divide(chosen)
-    assert len(np.unique(clusters.label[chosen])) > 1
-    for label in set(range(8)) - {3}:
-        assert len(np.unique(clusters.label[before == label])) == 1
-
-
-def test_nodes_close_together_are_kept_apart() -> None:
-    close = np.array([[0.0, 0.0], [1.0, 1.0], [1.0 - 3e-12, 1.0]])
-    clusters = Clusters(close)
-    clusters.divide(np.ones(3, dtype=bool))
-    clusters.divide(clusters.label == clusters.label[1])
-    assert clusters.count == 3
-
-
 def test_the_representative_is_nearest_to_the_centroid_unless_one_was_selected() -> None:
     clusters = Clusters(POINTS)
     clusters.divide(ALL)
@@ -59,17 +36,6 @@ def test_the_representative_is_nearest_to_the_centroid_unless_one_was_selected()
     np.testing.assert_array_equal(np.delete(again, 2), np.delete(plain, 2))
 
 
-def test_representatives_are_nested(monkeypatch: pytest.MonkeyPatch) -> None:
-    rounds: list[np.ndarray] = []
-    replace = LevelSum.replace
-    monkeypatch.setattr(LevelSum, "replace", lambda field, nodes: (rounds.append(nodes), replace(field, nodes))[1])
-    reduce(problem("wing", tolerance=1e-3))
-    assert len(rounds) >= 3
-    for coarse, fine in pairwise(rounds):
-        assert len(fine) > len(coarse)
-        np.testing.assert_array_equal(fine[: len(coarse)], coarse)
-
-
 def test_it_is_the_interpolation_from_the_representatives() -> None:
     of = problem("wing", tolerance=1e-2)
     reduced = reduce(of)
@@ -77,11 +43,3 @@ def test_it_is_the_interpolation_from_the_representatives() -> None:
     expected = factorize(of.points[nodes], support_radius=of.support_radius).solve(of.displacement[nodes])
     (level,) = reduced.levels
     np.testing.assert_allclose(level.weights, expected.weights)
-
-
-def test_nodes_gather_where_the_motion_is() -> None:
-    near = np.linalg.norm(POINTS - POINTS[0], axis=1) < 0.4
-    displacement = np.where(near, 1.0, 0.0)[:, None]
-    reduced = reduce(ReductionProblem(POINTS, displacement, support_radius=0.3, tolerance=0.2))
-    assert near[reduced.selected].mean() > 1.3 * near.mean()
-    assert len(reduced.selected) < 300

@@ -6,20 +6,12 @@ from mesh_motion_numerics.reduction import ReductionProblem
 from mesh_motion_protocol.errors import InvalidInput, QualityRefused
 from reduced_motions import problem
 
-from docs.studies.thesis._point_reduction import REDUCTIONS, incremental_lu, recurrence_cholesky
-from docs.studies.thesis._point_reduction.growing_columns import GrowingColumns
+from docs.studies.thesis._point_reduction import REDUCTIONS, recurrence_cholesky
 from docs.studies.thesis._point_reduction.incremental_lu import GrowingLU
 
 
 def matrix(nodes: np.ndarray) -> np.ndarray:
     return problem("wing").columns(nodes, rows=nodes)
-
-
-def grown(a: np.ndarray, values: np.ndarray) -> GrowingLU:
-    growing = GrowingLU(values.shape[1])
-    for n in range(len(a)):
-        growing.border(a[: n + 1, n], values[n])
-    return growing
 
 
 def test_bordered_factors_are_those_of_the_matrix_at_every_order() -> None:
@@ -37,33 +29,12 @@ def test_bordered_factors_are_those_of_the_matrix_at_every_order() -> None:
             np.testing.assert_allclose(a[: n + 1, : n + 1] @ growing.weights(), values[: n + 1], atol=1e-11)
 
 
-def test_a_wrong_row_shows(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The test above would see rows that are wrong by a millionth."""
-    nodes = np.random.default_rng(2).permutation(1100)[:20]
-    right_one = incremental_lu._substituted
-    monkeypatch.setattr(incremental_lu, "_substituted", lambda lower, right: (1 + 1e-6) * right_one(lower, right))
-    lower, upper = grown(matrix(nodes), np.zeros((20, 1))).factors()
-    assert np.abs(lower @ upper - matrix(nodes)).max() > 1e-9
-
-
 @pytest.mark.parametrize("name", ["greedy", "incremental-lu", "recurrence-cholesky", "grouped-circular"])
 def test_nodes_that_coincide_are_refused(name: str) -> None:
     points = np.array([[0.0, 0.0], [1e-9, 0.0], [1.0, 0.0]])
     of = ReductionProblem(points, np.array([[1.0], [2.0], [0.0]]), support_radius=2.0, tolerance=0.0)
     with pytest.raises(QualityRefused, match="singular to working precision"):
         REDUCTIONS[name](of)
-
-
-def test_columns_grow_past_a_block() -> None:
-    dense = np.random.default_rng(1).random((50, 300))
-    growing = GrowingColumns(50)
-    for column in dense.T:
-        growing.append(column)
-    nodes = np.array([3, 40, 7])
-    np.testing.assert_array_equal(growing.rows(nodes), dense[nodes])
-    out = np.asfortranarray(np.ones((50, 3)))
-    growing.subtract_products(growing.rows(nodes), out)
-    np.testing.assert_allclose(out, 1.0 - dense @ dense[nodes].T, atol=1e-13)
 
 
 def test_nothing_foreseen_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:

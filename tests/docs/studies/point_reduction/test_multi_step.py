@@ -14,7 +14,6 @@ REDUCED = reduce(OF)
 
 
 def nodes_of(level: object) -> np.ndarray:
-    """Boundary nodes that a level stands on."""
     place = {tuple(x): i for i, x in enumerate(OF.points)}
     return np.array([place[tuple(x)] for x in level.control_points])  # type: ignore[attr-defined]
 
@@ -45,10 +44,3 @@ def test_every_level_interpolates_what_those_before_it_left() -> None:
         left -= OF.values(level)
         assert np.abs(left[nodes]).max() <= 1e-12
         assert np.linalg.norm(left, axis=1).max() == pytest.approx(REDUCED.history[number].max_error, abs=1e-13)
-
-
-def test_rows_of_the_matrix_stay_short() -> None:
-    for level in REDUCED.levels[1:]:
-        x = level.control_points
-        row = (np.linalg.norm(x[:, None] - x, axis=2) < level.support_radius).sum(axis=1)
-        assert row.max() <= (2 * SPACINGS + 1) ** 2  # of separated points on a surface

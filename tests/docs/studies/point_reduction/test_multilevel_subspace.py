@@ -6,7 +6,6 @@ from mesh_motion_numerics.interpolation.interpolant import factorize
 from mesh_motion_numerics.reduction import ReductionProblem
 from reduced_motions import problem
 
-from docs.studies.thesis._point_reduction import REDUCTIONS
 from docs.studies.thesis._point_reduction.multilevel_subspace import reduce
 
 
@@ -32,17 +31,6 @@ def test_two_points_a_step_are_the_largest_error_and_the_most_opposed_one() -> N
     displacement[[2, 5, 8, 9]] = [[3.0, 0.0], [0.0, 2.9], [-1.0, 0.0], [-0.5, 2.0]]
     of = ReductionProblem(points, displacement, support_radius=0.5)  # nodes do not feel each other
     assert list(reduce(of).selected) == [2, 8, 5, 9]
-
-
-def test_errors_that_all_point_one_way_have_one_edge() -> None:
-    points = np.linspace(0.0, 10.0, 11)[:, None]
-    of = ReductionProblem(points, np.linspace(1.0, 2.0, 11)[:, None], support_radius=0.5)
-    assert list(reduce(of).selected) == list(range(10, -1, -1))
-
-
-def test_one_large_level_takes_about_as_many_points_as_the_greedy_algorithm() -> None:
-    of = problem("wing", tolerance=1e-3)
-    assert len(reduce(of, points_per_level=10**4).selected) <= 1.3 * len(REDUCTIONS["greedy"](of).selected)
 
 
 def test_levels_that_would_hold_all_nodes_give_way_to_the_plain_interpolation() -> None:

@@ -15,17 +15,6 @@ def wendland(r: np.ndarray) -> np.ndarray:
     return np.maximum(0.0, 1.0 - r) ** 4 * (4.0 * r + 1.0)
 
 
-@pytest.mark.parametrize("boundary", ["slab", "wing"])
-@pytest.mark.parametrize("base", BASE_SETS)
-@pytest.mark.parametrize("tolerance", [1e-1, 1e-3])
-def test_every_node_is_reproduced_whatever_the_base_set(boundary: str, base: str, tolerance: float) -> None:
-    of = problem(boundary, tolerance=tolerance)
-    reduced = reduce(of, base=BASE_SETS[base])
-    assert sorted(reduced.selected) == list(range(of.n_points))
-    assert reduced.max_error <= 1e-12 * of.largest
-    assert sum(len(level.weights) for level in reduced.levels) == of.n_points  # linear storage
-
-
 @pytest.mark.parametrize("base", BASE_SETS)
 def test_a_class_at_a_time_is_the_dense_triangular_system(base: str) -> None:
     """The whole matrix, a node's own radius in its column, solved at once for all weights."""
@@ -64,10 +53,3 @@ def test_a_greedy_base_set_leaves_the_added_functions_little() -> None:
     }
     assert steepest["greedy"] < 0.05
     assert steepest["farthest-first"] > 0.3
-
-
-def test_a_bound_cuts_the_finest_nodes() -> None:
-    of = problem("wing", tolerance=1e-1, max_points=300)
-    reduced = reduce(of)
-    assert len(reduced.selected) == 300
-    assert np.linalg.norm(reduced.error[reduced.selected], axis=1).max() <= 1e-12

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from mesh_motion_protocol.errors import InvalidInput
 from volume_problems import problem_of
 
 from docs.studies.thesis._volume_reduction.background_grid import CartesianGrid, GridField, reduce
@@ -37,17 +36,6 @@ def test_a_smooth_function_is_approached_at_the_order(d: int, interpolation: str
         for h in (0.1, 0.05)
     ]
     assert np.log2(errors[0] / errors[1]) == pytest.approx(order, abs=0.25)
-
-
-def test_an_unknown_interpolation_is_refused() -> None:
-    with pytest.raises(InvalidInput, match=r"unknown interpolation 'quintic' .*linear, cubic"):
-        CartesianGrid.around(np.zeros((2, 2)), 0.1, "quintic")
-
-
-def test_only_grid_points_that_are_asked_for_are_evaluated() -> None:
-    points = np.array([[0.0, 0.0], [10.0, 10.0]])
-    grid = CartesianGrid.around(points, 0.1)
-    assert len(grid.asked(grid.places(points))) == 2 * 16
 
 
 @pytest.mark.parametrize("d", [2, 3])
