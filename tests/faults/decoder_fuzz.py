@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from itertools import count
 from random import Random
 
-import psutil
+import psutil  # type: ignore[import-untyped]
 from mesh_motion_protocol.codec import decode, encode
 from mesh_motion_protocol.errors import ERROR_CODES, ProtocolError
 
@@ -70,7 +70,7 @@ def memory_in_use() -> int:
     with suppress(OSError, AttributeError):
         ctypes.CDLL(None).malloc_trim(0)
     memory = psutil.Process().memory_info()
-    return memory.rss - memory.shared
+    return int(memory.rss - memory.shared)
 
 
 def outcome_of(frames: list[bytes]) -> str:
