@@ -206,11 +206,7 @@ def test_load_reads_what_the_server_reads(tmp_path):
 
 @pytest.mark.parametrize(
     ("package", "call"),
-    [
-        ("pyvista", WEDGES.to_pyvista),
-        ("gmsh", lambda: Mesh.from_gmsh(ROLES)),
-        ("matplotlib", WEDGES.plot),
-    ],
+    [("pyvista", WEDGES.to_pyvista), ("gmsh", lambda: Mesh.from_gmsh(ROLES)), ("matplotlib", WEDGES.plot)],
 )
 def test_a_package_that_is_missing_is_named_with_the_way_to_it(monkeypatch, package, call):
     monkeypatch.setitem(sys.modules, package, None)

@@ -14,7 +14,7 @@ from mesh_motion_server.transport.telemetry import configure
 HERE = Path(__file__).parent
 #: What the plain model of these servers has not: a judgement of cells.
 WITHOUT_JUDGEMENT = [
-    *("13.3-inverted-cell", "15-BUILT-quality", "15-COMMITTED-quality", "15-MOVED-headroom-asked", "15-MOVED-quality"),
+    *("13.3-inverted-cell", "15-BUILT-quality", "15-COMMITTED-quality", "15-MOVED-headroom-asked", "15-MOVED-quality")
 ]
 
 

@@ -1,16 +1,12 @@
 """Layers move with their wall where the client has the volume: as with the whole mesh, on any ranks."""
 
-import signal
-
 import numpy as np
 import pytest
 from layered_grids import beyond_the_wall, grid, pitched
 from mesh_motion_client import InvalidInput, connect, opened
 from mesh_motion_numerics.distributed.rank import Rank
 from mesh_motion_protocol.messages import Build
-from own_ranks import SETTINGS, in_pieces, on_ranks
-
-from tests.faults.server_process import ServerProcess
+from own_ranks import SETTINGS, assert_kept_after_kill_9, assert_same_derivatives, in_pieces, on_ranks
 
 
 def in_two_steps(session, part):
@@ -21,12 +17,6 @@ def in_two_steps(session, part):
         session.commit()
         found.append((moved, session.points()))
     return found
-
-
-@pytest.fixture(scope="module")
-def server(tmp_path_factory):
-    with ServerProcess(tmp_path_factory.mktemp("server")) as server:
-        yield server
 
 
 @pytest.mark.parametrize("kind", ["quads", "triangles", pytest.param("wing", marks=pytest.mark.nightly)])
@@ -112,40 +102,11 @@ def test_a_rank_that_sends_no_cells_near_walls_is_named(server, monkeypatch):
 @pytest.mark.parametrize("degrees", [1.0, 25.0], ids=["plain", "corrected"])
 @pytest.mark.parametrize("kind", ["quads", pytest.param("wing", marks=pytest.mark.nightly)])
 def test_derivatives_are_those_of_a_session_with_the_whole_mesh(server, kind, degrees):
-    whole, rng = grid(kind), np.random.default_rng(1)
-    weights, holders = rng.normal(size=whole.points.shape), np.ones(len(whole.points))
-
-    def drive(session, part):
-        ids = np.arange(len(part.points)) if part.global_ids is None else part.global_ids
-        assert session.derivatives
-        moving = part.points[session.moving_nodes]
-        session.move(pitched(moving, degrees))
-        found = session.tangent(np.sin(5.0 * moving)), session.cotangent(weights[ids] / holders[ids, None])
-        return *found, ids, ids[session.moving_nodes]
-
-    with connect(server.endpoint) as client, client.open(whole) as session:
-        velocity, expected, _, moving = drive(session, whole)
-    for parts in ([whole], in_pieces(whole, 2)):
-        if len(parts) > 1:
-            holders = np.bincount(np.concatenate([part.global_ids for part in parts]))
-        for found, back, ids, own in on_ranks(server, parts, drive, {}):
-            # where each begins its iterations, the minimum is found to 1e-9
-            np.testing.assert_allclose(found, velocity[ids], rtol=0.0, atol=1e-7 * np.abs(velocity).max())
-            rows = expected[np.searchsorted(moving, own)]
-            np.testing.assert_allclose(back, rows, rtol=0.0, atol=1e-6 * np.abs(expected).max())
+    assert_same_derivatives(server, grid(kind), 2, lambda moving: pitched(moving, degrees))
 
 
 def test_after_kill_9_the_nodes_are_bitwise_the_same(tmp_path):
-    whole = grid("quads")
-    with ServerProcess(tmp_path) as server, connect(server.endpoint) as client:
-        session = client.open(whole, evaluation="client", durability="replay")
-        points = in_two_steps(session, whole)[-1][1]
-        server.stop(signal.SIGKILL)
-        server.start()
-        with client.resume(session.credentials, whole) as resumed:
-            np.testing.assert_array_equal(resumed.points(), points)
-            np.testing.assert_array_equal(in_two_steps(resumed, whole)[-1][1], points)
-        session.leave()
+    assert_kept_after_kill_9(tmp_path, grid("quads"), in_two_steps, "replay")
 
 
 def test_a_cell_that_comes_twice_is_named(server, monkeypatch):

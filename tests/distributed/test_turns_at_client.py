@@ -8,14 +8,6 @@ from mesh_motion_client import MeshMotionError, connect
 from mesh_motion_numerics.mesh.roles import Patch
 from own_ranks import as_client, in_pieces, on_ranks
 
-from tests.faults.server_process import ServerProcess
-
-
-@pytest.fixture(scope="module")
-def server(tmp_path_factory):
-    with ServerProcess(tmp_path_factory.mktemp("server")) as server:
-        yield server
-
 
 def mesh_with_a_body(found):
     patches = {"body": Patch("moving", np.unique(found.body)), "outer": Patch("fixed", np.unique(found.outer))}

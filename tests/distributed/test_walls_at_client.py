@@ -1,17 +1,13 @@
 """Nodes slide and move as their images where the client has the volume: as with the whole mesh, on any ranks."""
 
-import signal
-
 import numpy as np
 import pytest
 from mesh_motion_client import InvalidInput, Mesh, Patch, connect
 from mesh_motion_numerics.distributed.rank import Rank
 from mesh_motion_numerics.mesh.cells import CellTable
-from own_ranks import CORRECTED, as_client, in_pieces, on_ranks
+from own_ranks import CORRECTED, as_client, assert_kept_after_kill_9, assert_same_derivatives, in_pieces, on_ranks
 from periodic_meshes import periodic_box, sector
 from sliding_meshes import duct
-
-from tests.faults.server_process import ServerProcess
 
 
 def with_roles(mesh, roles):
@@ -104,43 +100,13 @@ def test_a_correction_reaches_beyond_a_periodic_side(server, ranks):
 @pytest.mark.parametrize("mesh", ["plane", "curved", "planes in space", "periodic", "sector"])
 @pytest.mark.parametrize("shift", [SMALL, LARGE], ids=["plain", "corrected"])
 def test_derivatives_are_those_of_a_session_with_the_whole_mesh(server, mesh, shift):
-    whole, rng = as_client(*MESHES[mesh]()), np.random.default_rng(1)
-    weights, d = rng.normal(size=whole.points.shape), whole.points.shape[1]
-    holders = np.ones(len(whole.points))
-
-    def drive(session, part):
-        ids = np.arange(len(part.points)) if part.global_ids is None else part.global_ids
-        assert session.derivatives
-        session.move(np.tile(shift[:d], (len(session.moving_nodes), 1)))
-        moving = part.points[session.moving_nodes]
-        found = session.tangent(np.sin(5.0 * moving)), session.cotangent(weights[ids] / holders[ids, None])
-        return *found, ids, ids[session.moving_nodes]
-
-    with connect(server.endpoint) as client, client.open(whole) as session:
-        velocity, expected, _, moving = drive(session, whole)
-    for parts in ([whole], in_pieces(whole, 3)):
-        if len(parts) > 1:
-            holders = np.bincount(np.concatenate([part.global_ids for part in parts]))
-        for found, back, ids, own in on_ranks(server, parts, drive, {}):
-            # where each begins its iterations, the minimum is found to 1e-9
-            np.testing.assert_allclose(found, velocity[ids], rtol=0.0, atol=1e-7 * np.abs(velocity).max())
-            rows = expected[np.searchsorted(moving, own)]
-            np.testing.assert_allclose(back, rows, rtol=0.0, atol=1e-6 * np.abs(expected).max())
+    whole = as_client(*MESHES[mesh]())
+    assert_same_derivatives(server, whole, 3, lambda moving: np.tile(shift[: moving.shape[1]], (len(moving), 1)))
 
 
 @pytest.mark.parametrize(("mesh", "durability"), [("curved", "replay"), ("periodic", "full")])
 def test_after_kill_9_the_nodes_are_bitwise_the_same(tmp_path, mesh, durability):
-    whole = as_client(*MESHES[mesh]())
-    with ServerProcess(tmp_path) as server, connect(server.endpoint) as client:
-        session = client.open(whole, evaluation="client", durability=durability)
-        points = in_two_steps(session, whole)[-1][1]
-        server.stop(signal.SIGKILL)
-        server.start()
-        with client.resume(session.credentials, whole) as resumed:
-            np.testing.assert_array_equal(resumed.points(), points)
-            again = in_two_steps(resumed, whole)[-1][1]
-            np.testing.assert_array_equal(again, points)
-        session.leave()
+    assert_kept_after_kill_9(tmp_path, as_client(*MESHES[mesh]()), in_two_steps, durability)
 
 
 def test_a_moving_node_that_leaves_its_plane_is_named(server):

@@ -3,7 +3,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mesh_files import one_line, quiet_gmsh
+from mesh_files import one_line
 from mesh_motion_protocol.errors import InvalidInput
 
 from mesh_motion_server.files import read_mesh, write_mesh
@@ -70,23 +70,6 @@ def test_three_dimensions_and_every_cell_type(
     for name, nodes in cells.items():
         np.testing.assert_array_equal(mesh.cells[name], nodes)
     np.testing.assert_array_equal(mesh.patches["base"], [0, 1, 2, 3])
-
-
-def test_gmsh_writes_we_read(tmp_path: Path) -> None:
-    with quiet_gmsh() as gmsh:
-        gmsh.model.occ.addBox(0, 0, 0, 1, 1, 1)
-        gmsh.model.occ.synchronize()
-        for _, tag in gmsh.model.getEntities(2):
-            gmsh.model.addPhysicalGroup(2, [tag], name=f"side {tag}")
-        gmsh.model.addPhysicalGroup(3, [1], name="fluid")
-        gmsh.model.mesh.generate(3)
-        gmsh.write(str(tmp_path / "box.su2"))
-        gmsh.write(str(tmp_path / "box.msh"))
-    ours, reference = read_mesh(tmp_path / "box.su2"), read_mesh(tmp_path / "box.msh")
-    assert len(ours.cells["tetra"]) == len(reference.cells["tetra"])
-    assert {name.replace(" ", "_"): len(nodes) for name, nodes in ours.patches.items()} == {
-        name.replace(" ", "_"): len(nodes) for name, nodes in reference.patches.items()
-    }
 
 
 @pytest.mark.parametrize(

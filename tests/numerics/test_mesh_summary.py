@@ -71,3 +71,5 @@ def test_a_summary_names_the_worst_cells():
     assert lowest.reported == {"metric": lowest.metric}
     with pytest.raises(InvalidInput, match="unknown quality metric"):
         summarize(quality, moved, cells, metric="angle")
+    with pytest.raises(InvalidInput, match="unknown quality metric"):
+        mesh_summary(moved, cells, reference_sizes(points, cells), metric="angle")

@@ -154,6 +154,10 @@ def test_nothing_can_be_asked_of_a_mesh_that_is_not_there(tmp_path: Path) -> Non
     session.close()
 
 
+def test_uploads_are_forgotten_once_built(session: Session) -> None:
+    assert session.upload.nbytes == 0
+
+
 def test_the_state_is_on_its_way_to_the_disk_while_a_commit_is_judged() -> None:
     session, files = with_a_trial("full")
     before, judged = files.count, []

@@ -1,5 +1,6 @@
 """Test data for clients that move and judge their own cells: settings, boxes whole and cut, and their bending."""
 
+import signal
 import threading
 from pathlib import Path
 
@@ -9,13 +10,10 @@ from mesh_motion_client import Mesh, Patch, connect
 
 from mesh_motion_server.files.mesh_file import MeshFile
 from mesh_motion_server.files.partitions import partitions
+from tests.faults.server_process import ServerProcess
 from tests.faults.waiting import PATIENCE
 
-SETTINGS = {
-    "displacement": "absolute",
-    "correction": "none",
-    "sub_steps": "never",
-}
+SETTINGS = {"displacement": "absolute", "correction": "none", "sub_steps": "never"}
 CORRECTED = SETTINGS | {"correction": "optimised", "correction_target": "threshold", "quality_threshold": 0.5}
 ROLES = {"body": "moving", "outer": "fixed"}
 
@@ -136,3 +134,40 @@ def on_ranks(server, parts, work, settings=SETTINGS):
     if failures:
         raise failures[0]
     return results
+
+
+def assert_same_derivatives(server, whole, ranks, motion):
+    """Of a move by ``motion(points)``, on one rank and on several: those of a session with the whole mesh."""
+    weights, holders = np.random.default_rng(1).normal(size=whole.points.shape), np.ones(len(whole.points))
+
+    def drive(session, part):
+        ids = np.arange(len(part.points)) if part.global_ids is None else part.global_ids
+        assert session.derivatives
+        moving = part.points[session.moving_nodes]
+        session.move(motion(moving))
+        found = session.tangent(np.sin(5.0 * moving)), session.cotangent(weights[ids] / holders[ids, None])
+        return *found, ids, ids[session.moving_nodes]
+
+    with connect(server.endpoint) as client, client.open(whole) as session:
+        velocity, expected, _, moving = drive(session, whole)
+    for parts in ([whole], in_pieces(whole, ranks)):
+        if len(parts) > 1:
+            holders = np.bincount(np.concatenate([part.global_ids for part in parts]))
+        for found, back, ids, own in on_ranks(server, parts, drive, {}):
+            # where each begins its iterations, the minimum is found to 1e-9
+            np.testing.assert_allclose(found, velocity[ids], rtol=0.0, atol=1e-7 * np.abs(velocity).max())
+            rows = expected[np.searchsorted(moving, own)]
+            np.testing.assert_allclose(back, rows, rtol=0.0, atol=1e-6 * np.abs(expected).max())
+
+
+def assert_kept_after_kill_9(folder, whole, drive, durability):
+    """The nodes after ``drive(session, mesh)`` are those of the server that follows, which drives on bitwise alike."""
+    with ServerProcess(folder) as server, connect(server.endpoint) as client:
+        session = client.open(whole, evaluation="client", durability=durability)
+        points = drive(session, whole)[-1][1]
+        server.stop(signal.SIGKILL)
+        server.start()
+        with client.resume(session.credentials, whole) as resumed:
+            np.testing.assert_array_equal(resumed.points(), points)
+            np.testing.assert_array_equal(drive(resumed, whole)[-1][1], points)
+        session.leave()

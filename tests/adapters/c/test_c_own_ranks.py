@@ -440,10 +440,7 @@ def first_in_c(prefix, server, parts, work):
         credentials = session.credentials
 
         def join(rank):
-            with (
-                connect(server.endpoint) as client,
-                client.join(credentials, parts[rank], partition=rank) as joined,
-            ):
+            with connect(server.endpoint) as client, client.join(credentials, parts[rank], partition=rank) as joined:
                 return work(joined, parts[rank])
 
         others = [pool.submit(join, rank) for rank in range(1, len(parts))]

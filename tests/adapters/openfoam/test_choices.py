@@ -210,11 +210,7 @@ def test_a_wrong_choice_is_named(make_case, further, words):
         ("quality_threshold 0.3;", "quality_threshold 0.3 0.1;", "method: quality_threshold must be a number"),
         ("quality_threshold 0.3;", "quality_threshold { value 0.3; }", "method: quality_threshold must be a number"),
         ("walls   slip;", 'walls slip; "wallls.*" fixed;', r'there is no patch "wallls\.\*"'),
-        (
-            "motionSolver      ",
-            "commit everyMove;\nmotionSolver      ",
-            "commit stands outside of",
-        ),
+        ("motionSolver      ", "commit everyMove;\nmotionSolver      ", "commit stands outside of"),
     ],
     ids=["two values", "a dictionary", "a pattern", "outside of the coefficients"],
 )

@@ -133,3 +133,8 @@ def test_an_epoch_changes_nothing_else() -> None:
     ledger = before.after(record({"kind": "epoch", "epoch": 5}, 2), 8)
     assert ledger.epoch == again(ledger).epoch == 5
     assert replace(ledger, epoch=1, last=before.last) == before
+
+
+def test_a_checkpoint_of_format_1_names_no_snapshot() -> None:
+    assert "snapshot" not in after(FULL, commit(1).as_body()).checkpoint_body(CAPACITY)
+    assert after(REPLAY).checkpoint_body(CAPACITY)["snapshot"] is None

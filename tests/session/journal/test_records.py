@@ -1,5 +1,8 @@
-"""Records: literal bytes, whole pages, and nothing damaged is read."""
+"""Records: whole pages, and nothing damaged is read."""
 
+import hashlib
+
+import msgpack
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -49,3 +52,10 @@ def test_a_record_that_fills_its_page_to_the_last_byte_is_read() -> None:
     assert (len(packed), record.length) == (PAGE, PAGE)
     assert packed[-32:] == record.checksum
     assert find_record(packed, 0) == 0
+
+
+def test_a_record_of_an_unknown_format_is_none() -> None:
+    packed = pack_record(1, bytes(32), {"kind": "epoch", "epoch": 9})
+    body = msgpack.packb({"kind": "epoch", "epoch": 9})
+    framed = FAMILY + b"\x63\n" + packed[8 : 56 + len(body)]
+    assert unpack_record((framed + hashlib.sha256(framed).digest()).ljust(PAGE, b"\0")) is None

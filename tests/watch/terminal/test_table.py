@@ -60,12 +60,7 @@ def test_a_look_has_the_list_and_the_details_of_the_chosen_one(make_session: Mak
     assert [row[0] for row in rows[2:4]] == ["●", "○"]
     assert "flap�[31m" in rows[2]
     text = "\n".join(rows)
-    for wanted in (
-        "size-skew  minimum 0.",
-        "threshold 0.2; the lowest is 0.",
-        "worst  0.",
-        "refused MOVE",
-    ):
+    for wanted in ("size-skew  minimum 0.", "threshold 0.2; the lowest is 0.", "worst  0.", "refused MOVE"):
         assert wanted in text, wanted
     assert "\x1b" not in text
 
