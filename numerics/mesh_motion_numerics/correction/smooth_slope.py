@@ -60,10 +60,12 @@ class SmoothSlope:
             in another way.
         """
         region, extent = motion.region(plain), np.ptp(motion.reference, axis=0).max()
-        made, left = cls(motion, plain, points, region), np.abs(plain - points).max(axis=1)
+        made, held = cls(motion, plain, points, region), np.zeros(len(points), dtype=bool)
+        for block in motion.cells:  # nodes without a cell follow others: the opposite side of a mesh of one layer
+            held[block.nodes] = True
         if region is not None:
-            left[region.free.free] = 0.0
-        if left.max() > _SAME * extent:
+            held[region.free.free] = False
+        if np.abs(plain - points)[held].max(initial=0.0) > _SAME * extent:
             raise not_at_minimum()
         if region is not None:
             free = region.free.free
