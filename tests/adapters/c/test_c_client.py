@@ -232,7 +232,7 @@ def test_an_array_that_is_kept_too_long_is_seen(compiler, tools, tmp_path):
     client = tools["seeded"](
         tmp_path,
         ("    mmi_take_back_arrays(connection);\n", ""),
-        ("            mmi_disconnect(connection); /* it may be dead without an event */\n", ""),
+        ("            mmi_disconnect(connection); /* the connection may be dead without an event */\n", ""),
     )
     program = compiler.program(tools["here"] / "lent_arrays.c", client=client)
     # now and then all has been read before the server stops, and nothing is left to be read too late
