@@ -1,5 +1,5 @@
 # make demo   plays the thesis' cases, standard against corrected: a table and pictures in out/demo
-# make test   runs a core of every area's tests, two files at a time (JOBS=4 for more), in about six minutes
+# make test   runs a core of every area's tests, three files at a time (JOBS=4 for more), in about six minutes
 # make test-all runs all of them, as CI does: whole runs, each page of the documentation, many drawn examples, in half an hour;
 #             what fails runs once more, alone, and is named as flaky if it then passes
 # make coverage runs the tests of `make test` and shows which lines they run, in all processes: out/coverage (in CI: a job of its own)
@@ -32,8 +32,8 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 DRIVERS := out/drivers
-# Tests of so many files at a time: half of them wait for other processes. Each file's tests stay together, with what they share.
-JOBS ?= 2
+# Tests of so many files at a time: half of them wait for other processes, so three suit two cores.
+JOBS ?= 3
 PYTEST = -n $(JOBS) --dist loadfile --durations 40 --durations-min 5
 
 # Tests start some thousand processes: each would compile the same sources again.
