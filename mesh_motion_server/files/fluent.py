@@ -147,14 +147,15 @@ def _read_faces(content: _Content, data: bytes, start: int, header: list[int], k
     """Read a section of faces: zone, first and last face, type of zone, nodes of each face; return its end."""
     zone, first, last, zone_type, face_type = header[:5]
     count = last - first + 1
-    most = count * (2 + face_type) if face_type not in _OF_ANY_SIZE else -1
+    most, of_each = count * (2 + face_type) if face_type not in _OF_ANY_SIZE else -1, []
     if kind and most < 0:
         size = np.dtype(kind).itemsize
         rest = np.frombuffer(data, f"<{kind}", (len(data) - start) // size, start)
-        most = sum(_sizes(rest, first, last)) + 3 * count
+        of_each = _sizes(rest, first, last)
+        most = sum(of_each) + 3 * count
     values, end = _values(data, start, most, kind, lambda words: np.array([int(word, 16) for word in words], np.int64))
     if face_type in _OF_ANY_SIZE:
-        sizes = np.array(_sizes(values.tolist(), first, last), dtype=np.int64)
+        sizes = np.array(of_each or _sizes(values.tolist(), first, last), dtype=np.int64)
         if (more := len(values) - int(sizes.sum()) - 3 * count) > 0:
             raise ValueError(f"{more} numbers follow face {last}")
         starts = np.cumsum([0, *(sizes + 3)[:-1]])

@@ -60,12 +60,11 @@ class SmoothSlope:
             in another way.
         """
         region, extent = motion.region(plain), np.ptp(motion.reference, axis=0).max()
-        made, held = cls(motion, plain, points, region), np.zeros(len(points), dtype=bool)
-        for block in motion.cells:  # nodes without a cell follow others: the opposite side of a mesh of one layer
-            held[block.nodes] = True
+        made, left = cls(motion, plain, points, region), np.abs(plain - points).max(axis=1) > _SAME * extent
         if region is not None:
-            held[region.free.free] = False
-        if np.abs(plain - points)[held].max(initial=0.0) > _SAME * extent:
+            left[region.free.free] = False
+        # nodes without a cell follow others: the opposite side of a mesh of one layer
+        if left.any() and any(left[block.nodes].any() for block in motion.cells):
             raise not_at_minimum()
         if region is not None:
             free = region.free.free

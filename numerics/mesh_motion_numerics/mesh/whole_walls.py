@@ -28,19 +28,22 @@ def whole_walls(points: Floats, facets: Mapping[str, Integers], patches: Mapping
     patches : dict of Patch
         Of every role.
     """
+    walls = [name for name, patch in sorted(patches.items()) if patch.role in SLIDING_ROLES]
+    if not walls:
+        return {}
     listed = {name: _marks(patch.nodes, len(points)) for name, patch in sorted(patches.items())}
-    walls = [name for name in listed if patches[name].role in SLIDING_ROLES]
-    if walls and facets:
+    if facets:
         width = {1: 1, 2: 2, 3: 4}[points.shape[1]]
         table = np.concatenate([widened(block, width) for block in facets.values()])
         lost = np.flatnonzero(_inside(np.logical_or.reduce(list(listed.values())), table))
-        lost = orphans = lost[~np.logical_or.reduce([_inside(marks, table[lost]) for marks in listed.values()])]
-        while len(lost := lost[~np.logical_or.reduce([_inside(marks, table[lost]) for marks in listed.values()])]):
+        lost = orphans = _of_no_patch(lost, table, listed)
+        while len(lost):
             added = _continued(points, table, lost, listed, walls)
             if not any(map(len, added.values())):
                 break
             for name, nodes in added.items():
                 listed[name][nodes] = True
+            lost = _of_no_patch(lost, table, listed)
         for name in walls:
             gained = _inside(listed[name], table) & ~_inside(_marks(patches[name].nodes, len(points)), table)
             gained[orphans] = False
@@ -65,6 +68,13 @@ def _continued(
             nodes = nodes[nodes >= 0]
             added[name] = nodes[~listed[name][nodes]]
     return added
+
+
+def _of_no_patch(rows: Integers, table: Integers, listed: Mapping[str, Marks]) -> Integers:
+    """Those of the rows (l,) of the table whose facet belongs to no patch."""
+    belongs: Marks = np.logical_or.reduce([_inside(marks, table[rows]) for marks in listed.values()])
+    found: Integers = rows[~belongs]
+    return found
 
 
 def _marks(nodes: Integers, n_points: int) -> Marks:
