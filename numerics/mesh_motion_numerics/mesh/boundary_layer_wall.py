@@ -24,6 +24,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -142,16 +143,20 @@ class MovingWall:
 
     def deformation_sums(self, moved: Floats) -> tuple[Floats, Floats]:
         """A and B (w, d, d) of G = A⁻¹ B: the sums of W and W F over each node's facets, W = κ I + (1 − κ) n' nᵀ'."""
-        before, own = self.reference[self.simplices], facet_frames(moved[self.simplices])
+        own, (inverse, angles) = facet_frames(moved[self.simplices]), self.at_rest
         weighting = weighting_of(own)
-        facets = weighting @ own @ np.linalg.inv(facet_frames(before))
-        angles = angles_at_corners(before)
-        return self.summed(weighting, angles), self.summed(facets, angles)
+        return self.summed(weighting, angles), self.summed(weighting @ own @ inverse, angles)
+
+    @cached_property
+    def at_rest(self) -> tuple[Floats, Floats]:
+        """Inverses of the facets' frames (s, d, d) and the angles (s, d) in the reference mesh."""
+        corners = self.reference[self.simplices]
+        return np.linalg.inv(facet_frames(corners)), angles_at_corners(corners)
 
     @property
     def mean_projections(self) -> Floats:
         """(w, d, d) mean of n nᵀ over each node's facets in the reference mesh."""
-        angles, normals = angles_at_corners(self.reference[self.simplices]), self.normals
+        angles, normals = self.at_rest[1], self.normals
         total = self.summed(np.ones(len(normals)), angles)
         return self.summed(normals[:, :, None] * normals[:, None, :], angles) / total[:, None, None]
 

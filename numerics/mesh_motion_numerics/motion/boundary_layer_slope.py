@@ -13,7 +13,6 @@ from mesh_motion_numerics.arrays import Floats, Integers
 from mesh_motion_numerics.mesh.boundary_layer_wall import (
     ALONG,
     MovingWall,
-    angles_at_corners,
     facet_frames,
     weighting_of,
 )
@@ -56,20 +55,20 @@ def _deformations_slope(wall: MovingWall, moved: Floats) -> csr_array:
 
     Each node's G = A⁻¹ B is a function of sums over its facets, so its derivative A⁻¹ (dB − dA G) is one, too.
     """
-    rest, now, d = wall.reference[wall.simplices], moved[wall.simplices], moved.shape[1]
-    frames, own, own_slope = np.linalg.inv(facet_frames(rest)), facet_frames(now), _frames_slope(now)
+    now, d, (inverse, angles) = moved[wall.simplices], moved.shape[1], wall.at_rest
+    own, own_slope = facet_frames(now), _frames_slope(now)
     normal, bent = own[:, :, -1], (1.0 - ALONG) * own_slope[:, :, -1]  # (s, d), (s, a, j, c)
     weighting_slope = np.einsum("sxjc,sy->sxyjc", bent, normal) + np.einsum("sx,syjc->sxyjc", normal, bent)
-    gradient, gradient_slope = own @ frames, np.einsum("sxyjc,sye->sxejc", own_slope, frames)
+    gradient, gradient_slope = own @ inverse, np.einsum("sxyjc,sye->sxejc", own_slope, inverse)
     slope_of_sums = np.einsum("sxyjc,sye->sxejc", weighting_slope, gradient)
     slope_of_sums += np.einsum("sxy,syejc->sxejc", weighting_of(own), gradient_slope)
 
     # incidences of facets and nodes: row s d + i is the facet s and its corner i
-    nodes, of_facet = wall.simplices.ravel(), np.repeat(np.arange(len(rest)), d)
+    nodes, of_facet = wall.simplices.ravel(), np.repeat(np.arange(len(now)), d)
     weighting, sums = wall.deformation_sums(moved)
     solved = np.linalg.solve(weighting, sums)[nodes]
     slope = slope_of_sums[of_facet] - np.einsum("qxyjc,qye->qxejc", weighting_slope[of_facet], solved)
-    slope = np.einsum("q,qax,qxejc->qaejc", angles_at_corners(rest).ravel(), np.linalg.inv(weighting)[nodes], slope)
+    slope = np.einsum("q,qax,qxejc->qaejc", angles.ravel(), np.linalg.inv(weighting)[nodes], slope)
     return _sparse(slope.reshape(len(nodes), d * d, d, d), nodes, np.repeat(wall.simplices, d, axis=0), len(moved))
 
 
