@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from textwrap import fill as fill_lines
 
 from docs.studies.study import Outcome, Study, save_picture
 
@@ -36,7 +37,16 @@ def render(name: str, study: Study, outcome: Outcome, pictures: Path) -> str:
         parts.append(f"![{picture.caption or study.title}](studies/pictures/{file}.png)")
         if picture.caption:
             parts.append(f"*{picture.caption}*")
-    return "\n\n".join(parts) + "\n"
+    return wrapped("\n\n".join(parts)) + "\n"
+
+
+def wrapped(text: str) -> str:
+    """The text with lines of at most 150 characters, apart from tables and pictures."""
+    filled = (
+        part if part[:1] in "|!" else fill_lines(part, 150, break_long_words=False, break_on_hyphens=False)
+        for part in text.split("\n\n")
+    )
+    return "\n\n".join(filled)
 
 
 def fill(page: str, name: str, text: str) -> None:

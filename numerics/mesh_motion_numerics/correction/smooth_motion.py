@@ -194,13 +194,10 @@ class SmoothMotion:
 
     @cached_property
     def corners(self) -> CornerSimplices:
+        """The corner simplices; the angles of quads and hexahedra count."""
         simplices = corner_simplices(self.reference, self.cells, self._sizes, at_rest=True)
-        return self._with_angles(simplices, self.cells, self.reference)
-
-    def _with_angles(self, simplices: CornerSimplices, cells: CellTable, reference: Floats) -> CornerSimplices:
-        """The corners of some cells; for quads and hexahedra the angles count."""
-        counted = [np.repeat(_is_box(block.type), len(block) * len(block.type.corners)) for block in cells]
-        return simplices.with_angles(reference, np.concatenate(counted))
+        boxes = np.concatenate([np.full(len(block), _is_box(block.type)) for block in self.cells])
+        return simplices.with_angles(self.reference, np.repeat(boxes, self.cells.corner_counts))
 
     @cached_property
     def _extent(self) -> float:
@@ -256,10 +253,9 @@ class SmoothMotion:
             return None
         key = np.packbits(marked).tobytes()
         if self._last is None or self._last[0] != key:
-            free = free_region(self.reference, self.cells, self._sizes, marked, at_rest=True)
-            simplices = self._with_angles(free.simplices, free.cells, self.reference[free.nodes])
+            free = free_region(self.reference, self.cells, self._sizes, marked, corners=self.corners)
             constraint = None if self.constraint is None else self.constraint.of(free)
-            self._last = key, SmoothRegion.build(replace(free, simplices=simplices), constraint, self.reference)
+            self._last = key, SmoothRegion.build(free, constraint, self.reference)
         return self._last[1].with_activation(sigma)
 
     def activations(self, plain: Floats) -> list[Floats]:

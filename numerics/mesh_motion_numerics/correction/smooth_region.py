@@ -57,7 +57,7 @@ class SmoothRegion:
     def build(cls, free: FreeRegion, constraint: RegionConstraint | None, reference: Floats) -> SmoothRegion:
         """Build it for a region of the mesh, with the nodes at ``reference`` (n, d) at rest."""
         weights = _corner_weights(free)
-        of_corners, shares = _penalty_of(free.simplices, reference[free.nodes], weights)
+        of_corners, shares = _penalty_of(free.simplices, weights)
         adjacency, d = free.adjacency, free.simplices.dimension
         corner, place = np.divmod(adjacency.entries, d + 1)
         here = adjacency.slots >= 0
@@ -135,21 +135,20 @@ def _sums(places: NDArray[np.integer], values: Floats, count: int) -> Floats:
     return np.bincount(places, weights=values, minlength=count).astype(np.float64, copy=False)
 
 
-def _penalty_of(simplices: CornerSimplices, reference: Floats, weights: Floats) -> tuple[Floats, Floats]:
-    """The corners' parts of the penalty's matrix, 1 / length², with their nodes at ``reference`` (n, d) at rest.
+def _penalty_of(simplices: CornerSimplices, weights: Floats) -> tuple[Floats, Floats]:
+    """The corners' parts of the penalty's matrix, 1 / length².
 
-    w_c times the products of the nodes' shape functions' gradients (c, d + 1, d + 1), and each node's share
+    w_c times the products of the nodes' shape functions' gradients at rest (c, d + 1, d + 1), and each node's share
     w_c / ((d + 1) (l h_c)²) of the mass (c,).
     """
-    edges = reference[simplices.nodes[:, 1:]] - reference[simplices.nodes[:, :1]]
-    inverse = np.swapaxes(np.linalg.inv(edges), 1, 2)  # (c, d, d): rows are the gradients of the edges' nodes
-    gradients = np.concatenate([-inverse.sum(axis=1, keepdims=True), inverse], axis=1)
-    size = np.abs(np.linalg.det(edges)) ** (2 / simplices.dimension)
-    matrices = np.einsum("c,cai,cbi->cab", weights, gradients, gradients)
+    of_edges = simplices.ideal  # rows are the gradients of the edges' nodes
+    gradients = np.concatenate([-of_edges.sum(axis=1, keepdims=True), of_edges], axis=1)
+    size = np.abs(np.linalg.det(of_edges)) ** (-2 / simplices.dimension)
+    matrices = weights[:, None, None] * (gradients @ np.swapaxes(gradients, 1, 2))
     return matrices, weights / (size * LENGTH**2 * (simplices.dimension + 1))
 
 
 def _corner_weights(free: FreeRegion) -> Floats:
     """w_c of the corners of a region's cells."""
-    counts = [(len(block), len(block.type.corners)) for block in free.cells]
-    return np.concatenate([np.full(cells * corners, 1.0 / corners) for cells, corners in counts])
+    counts = free.cells.corner_counts
+    return np.repeat(1.0 / counts, counts)

@@ -35,7 +35,7 @@ from mesh_motion_numerics.arrays import Floats, Integers, Marks
 from mesh_motion_numerics.mesh.closest_point import nearest_within
 from mesh_motion_numerics.mesh.roles import BoundaryRoles, Patch
 
-__all__ = ["ALONG", "MovingWall", "WallPlaces", "angles_at_corners", "facet_frames", "simplices_of", "weighting_of"]
+__all__ = ["ALONG", "MovingWall", "WallPlaces", "facet_frames", "simplices_of", "weighting_of"]
 
 
 ALONG = 0.5
@@ -151,7 +151,7 @@ class MovingWall:
     def at_rest(self) -> tuple[Floats, Floats]:
         """Inverses of the facets' frames (s, d, d) and the angles (s, d) in the reference mesh."""
         corners = self.reference[self.simplices]
-        return np.linalg.inv(facet_frames(corners)), angles_at_corners(corners)
+        return np.asarray(np.linalg.inv(facet_frames(corners)), dtype=np.float64), _angles_at_corners(corners)
 
     @property
     def mean_projections(self) -> Floats:
@@ -168,7 +168,7 @@ class MovingWall:
         return out
 
 
-def angles_at_corners(corners: Floats) -> Floats:
+def _angles_at_corners(corners: Floats) -> Floats:
     """(s, d) angle of each facet at each of its corners (s, d, d); equal for all segments."""
     if corners.shape[1] == 2:
         return np.ones(corners.shape[:2])

@@ -230,6 +230,11 @@ class CellTable:
         """Nodes (m, n_nodes) of each block, contiguous, as the compiled loops take them."""
         return tuple(np.ascontiguousarray(block.nodes) for block in self.blocks)
 
+    @property
+    def corner_counts(self) -> Integers:
+        """(m,) number of each cell's corner simplices."""
+        return np.concatenate([np.full(len(block), len(block.type.corners)) for block in self])
+
     @cached_property
     def numbered(self) -> tuple[tuple[CellBlock, slice], ...]:
         """Each block with the slice of cell numbers that belongs to it."""
