@@ -23,14 +23,14 @@ from mesh_motion_server.watch.pictures.meshes import read_pair
 from mesh_motion_server.watch.pictures.page import Page, styled
 from mesh_motion_server.watch.pictures.snapshot import Plane, choose_window
 
-__all__ = ["FILMS", "draw", "draw_front_picture"]
+__all__ = ["FILMS", "changed_case", "draw", "draw_front_picture"]
 
 ROOT = Path(__file__).resolve().parents[2]
 _PAGE = Page(points=12.0)
 #: How long a frame is shown, and the last one of a film that does not come back.
 _MILLISECONDS, _HELD = 120, 1200
 _PLAIN = {'correction = "optimised"': 'correction = "none"\nallow_invalid = true'}
-_PLAIN_FLAG = _PLAIN | {'correction = "smooth"': 'correction = "none"'}
+_PLAIN_FLAG = {'correction = "smooth"': 'correction = "none"\nallow_invalid = true'}
 _ONE_WAY = {"count = 1": "count = 20", 'displacement = "relative"': 'displacement = "absolute"'}
 
 #: Film → its example, how many steps are shown, whether they are shown backwards too, and what each panel changes.
@@ -56,16 +56,22 @@ def _played(example: str, folder: Path, changes: dict[str, str], steps: int) -> 
     """Play an example with some words of its case file replaced; return the folder of results."""
     folder.mkdir(parents=True)
     source = ROOT / "examples" / example
-    text = (source / "case.toml").read_text(encoding="utf-8").replace("count = 64", f"count = {steps}")
-    for old, new in changes.items():
-        if old not in text:
-            raise ValueError(f"{source / 'case.toml'} has no {old!r}")
-        text = text.replace(old, new)
     for file in source.glob("*.npz"):
         (folder / file.name).symlink_to(file)
-    (folder / "case.toml").write_text(text, encoding="utf-8")
+    (folder / "case.toml").write_text(changed_case(example, changes, steps), encoding="utf-8")
     play(folder / "case.toml", folder / "out")
     return folder / "out"
+
+
+def changed_case(example: str, changes: dict[str, str], steps: int) -> str:
+    """The text of an example's case file with some words replaced; raises ValueError if it does not have them."""
+    case = ROOT / "examples" / example / "case.toml"
+    text = case.read_text(encoding="utf-8").replace("count = 64", f"count = {steps}")
+    for old, new in changes.items():
+        if old not in text:
+            raise ValueError(f"{case} has no {old!r}")
+        text = text.replace(old, new)
+    return text
 
 
 def _frames(played: dict[str, Path], steps: int) -> Iterator[Any]:
