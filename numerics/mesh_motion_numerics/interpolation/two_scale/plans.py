@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -13,7 +12,7 @@ from mesh_motion_numerics.interpolation.two_scale.factorization import TwoScaleP
 from mesh_motion_numerics.mesh.roles import BoundaryRoles
 from mesh_motion_numerics.method import Method
 
-__all__ = ["AUTOMATIC_FROM", "TwoScalePlans", "plan_for"]
+__all__ = ["AUTOMATIC_FROM", "plan_for", "plans_for"]
 
 
 AUTOMATIC_FROM = 1000
@@ -22,49 +21,18 @@ nodes and 98 000 nodes in 2D a step takes a quarter of the time with all of them
 twentieth."""
 
 
-@dataclass(frozen=True, eq=False)
-class TwoScalePlans:
-    """Plans by their control nodes.
+def plans_for(
+    points: Floats, sets: Sequence[Integers], roles: BoundaryRoles, method: Method
+) -> dict[bytes, TwoScalePlan]:
+    """The plans of those of the ``sets`` of control nodes (c,) that need two scales, by the bytes of the nodes.
 
-    Attributes
-    ----------
-    plans : tuple of (nodes (c,), TwoScalePlan)
+    ``points`` (n, d) are those of the mesh. There is no plan if the method reduces the control points or its basis is
+    not compact.
     """
-
-    plans: tuple[tuple[Integers, TwoScalePlan], ...]
-
-    @classmethod
-    def build(
-        cls,
-        points: Floats,
-        roles: BoundaryRoles,
-        method: Method,
-        *,
-        offered: bool,
-        followed: Sequence[Integers] = (),
-        controls: Callable[[Integers], Integers] = np.asarray,
-    ) -> TwoScalePlans:
-        """Plan for all nodes with a role of a mesh with reference ``points`` (n, d), and for further sets of nodes.
-
-        ``followed``: the sets of nodes (k,) that sliding nodes follow.
-
-        With a boundary layer ``controls`` returns the control nodes that replace them.
-
-        There is no plan if the method reduces the control points, if two scales are not ``offered``, or if one scale is
-        enough for all of them.
-        """
-        sets = [controls(nodes) for nodes in (roles.all, *followed)]
-        if not offered or method.reduction != "none" or not basis_named(method.basis).compact:
-            return cls(())
-        planned = [(nodes, plan_for(points, nodes, roles, method)) for nodes in sets]
-        return cls(tuple((nodes, plan) for nodes, plan in planned if plan.usable))
-
-    def of(self, nodes: Integers) -> TwoScalePlan | None:
-        """The plan for control nodes (c,), or None: all of them in one scale."""
-        for planned, plan in self.plans:
-            if np.array_equal(planned, nodes):
-                return plan
-        return None
+    if method.reduction != "none" or not basis_named(method.basis).compact:
+        return {}
+    planned = {nodes.tobytes(): plan_for(points, nodes, roles, method) for nodes in sets}
+    return {nodes: plan for nodes, plan in planned.items() if plan.usable}
 
 
 def plan_for(points: Floats, nodes: Integers, roles: BoundaryRoles, method: Method) -> TwoScalePlan:
