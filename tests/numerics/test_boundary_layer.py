@@ -19,6 +19,7 @@ from periodic_meshes import periodic_box
 
 from docs.studies.beyond._layers import bent_flag, bent_wing, stored_layer
 from docs.studies.beyond._motions import stored
+from docs.studies.run.judged_runs import least_shape
 
 DISPLACEMENTS = ("relative", "absolute", "reanchored")
 
@@ -94,6 +95,18 @@ def test_the_prisms_of_the_wing_are_kept_and_stay_on_the_symmetry_plane() -> Non
     assert kept.orthogonality <= 2.0
     assert np.isin(mesh.columns[:, 1:], layer_of(model)).all()
     assert np.all(motion.points[mesh.patches["symmetry"].nodes, 2] == 0.0)
+
+
+def test_prisms_at_the_wings_sharp_edge_keep_the_shape_of_the_interpolation() -> None:
+    """Its walls are sheared: a rotation would tilt prisms at the trailing edge by a multiple of their height."""
+    mesh = stored_layer("layer_wing")
+    targets = bent_wing(mesh.points[np.sort(mesh.body)], 0.5)
+    shapes = []
+    for choices in ({}, {"correction": "none", "displacement": "absolute"}):
+        model = MotionModel.build(mesh.points, mesh.cells, mesh.patches, Method(**choices))
+        model = model if not choices else replace(model, layered=None)
+        shapes.append(least_shape(mesh.points, model.move(model.points, targets).points, mesh.cells))
+    assert shapes[0] > 0.98 * shapes[1] > 0.8
 
 
 def test_interpolation_and_correction_alone_lose_it() -> None:

@@ -1,11 +1,11 @@
-"""How a wall turns at its nodes, and the columns that stand on it."""
+"""How a wall deforms at its nodes, and the columns that stand on it."""
 
 import numpy as np
 from box_meshes import box_mesh
 from frame_meshes import rotation, square_frame
 from mesh_motion_numerics.mesh.boundary_facets import boundary_facets
 from mesh_motion_numerics.mesh.boundary_layer_stacks import column_feet
-from mesh_motion_numerics.mesh.boundary_layer_wall import MovingWall
+from mesh_motion_numerics.mesh.boundary_layer_wall import ALONG, MovingWall
 
 
 def wall_of(points: np.ndarray, cells, body: np.ndarray) -> MovingWall:
@@ -23,13 +23,18 @@ def turns() -> np.ndarray:
 def test_a_rotated_wall_turns_by_that_rotation() -> None:
     mesh = box_mesh("wedge")
     wall, turn = wall_of(mesh.points, mesh.cells, mesh.body), turns()
-    assert np.abs(wall.rotations(wall.reference @ turn.T + 3.0) - turn).max() < 1e-14
+    assert np.abs(wall.deformations(wall.reference @ turn.T + 3.0) - turn).max() < 1e-14
 
 
-def test_a_stretched_wall_does_not_turn() -> None:
+def test_a_stretched_wall_keeps_heights_and_stretches_along_itself() -> None:
     points, cells, patches = square_frame()
     wall = wall_of(points, cells, patches["block"].nodes)
-    assert np.abs(wall.rotations(wall.reference * [1.5, 1.5]) - np.eye(2)).max() < 1e-14
+    found = wall.deformations(wall.reference * [1.5, 1.5])
+    low, high = wall.reference.min(axis=0), wall.reference.max(axis=0)
+    at_ends = np.isclose(wall.reference, low) | np.isclose(wall.reference, high)
+    corner = at_ends.all(axis=1)
+    assert np.allclose(found[corner], np.eye(2) * (1.0 + 1.5 * ALONG) / (1.0 + ALONG))
+    assert np.allclose(found[~corner], [np.diag(np.where(ends, 1.0, 1.5)) for ends in at_ends[~corner]])
 
 
 def test_normals_stay_normal_where_the_wall_is_sheared() -> None:
@@ -41,7 +46,7 @@ def test_normals_stay_normal_where_the_wall_is_sheared() -> None:
     middle = np.flatnonzero((wall.reference[:, 1] == wall.reference[:, 1].max()) & _inside(wall.reference[:, [0, 2]]))
     goal = inverse.T @ [0.0, 1.0, 0.0]
     assert len(middle)
-    turned = wall.rotations(moved)[middle] @ [0.0, 1.0, 0.0]
+    turned = wall.deformations(moved)[middle] @ [0.0, 1.0, 0.0]
     assert np.abs(turned - goal / np.linalg.norm(goal)).max() < 1e-12
 
 
@@ -51,13 +56,11 @@ def _inside(coordinates: np.ndarray) -> np.ndarray:
     return ((coordinates > low) & (coordinates < high)).all(axis=1)
 
 
-def test_a_wall_that_is_turned_inside_out_has_rotations_nevertheless() -> None:
+def test_a_wall_that_is_turned_inside_out_has_finite_deformations() -> None:
     points, cells, patches = square_frame()
     wall = wall_of(points, cells, patches["block"].nodes)
     for moved in (1.0 - wall.reference, wall.reference * [-1.0, 1.0], np.zeros_like(wall.reference)):
-        rotations = wall.rotations(moved)
-        assert np.allclose(np.linalg.det(rotations), 1.0)
-        assert np.allclose(rotations @ np.swapaxes(rotations, 1, 2), np.eye(2))
+        assert np.abs(wall.deformations(moved)).max() < 2.0
 
 
 def test_fixed_facets_belong_to_the_wall_where_a_moving_one_is_clamped_to_them() -> None:

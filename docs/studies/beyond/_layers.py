@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import importlib.util
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from mesh_motion_numerics.mesh.boundary_facets import boundary_facets
+from mesh_motion_numerics.mesh.boundary_layer_wall import MovingWall
 from mesh_motion_numerics.mesh.cells import CELL_TYPES, CellTable
 from mesh_motion_numerics.mesh.closest_point import FacetSet
 from mesh_motion_numerics.mesh.roles import Patch
@@ -27,7 +28,7 @@ _ROLES = {"flag": "moving", "wing": "moving", "symmetry": "symmetry"}  # all oth
 
 
 class Kept(NamedTuple):
-    """Changes of a layer in a motion.
+    """Changes of a layer in a motion, apart from columns at edges of the wall, which follow a sheared wall.
 
     Attributes
     ----------
@@ -76,10 +77,20 @@ class LayerMesh:
 
     def kept(self, moved: Floats) -> Kept:
         """Changes of the layer in a mesh with nodes at ``moved`` (n, d)."""
-        nodes = self.columns[:, 1:]
+        nodes = self.columns[self.on_faces, 1:]
         before, after = (self._distance(points)[nodes] for points in (self.points, moved))
-        turned = np.abs(self._angles(moved) - self._angles(self.points))
+        turned = np.abs(self._angles(moved) - self._angles(self.points))[self.on_faces]
         return Kept(float(np.abs(after / before - 1.0).max()), float(np.degrees(turned.max())))
+
+    @cached_property
+    def on_faces(self) -> NDArray[np.bool_]:
+        """(w,) columns that are on average within 30° of the normals of the facets under them."""
+        wall = MovingWall.of_patches(self.points, boundary_facets(self.cells), self.patches)
+        assert wall is not None
+        projections = wall.mean_projections[np.searchsorted(wall.nodes, self.columns[:, 0])]
+        along = self.points[self.columns[:, 1]] - self.points[self.columns[:, 0]]
+        cosine2 = np.einsum("wa,wab,wb->w", along, projections, along) / np.sum(along**2, axis=1)
+        return np.asarray(cosine2 > 0.75)
 
     def outer_minimum(self, moved: Floats) -> float:
         """Smallest size-skew of the cells outside the layer, including those that touch it."""

@@ -308,7 +308,6 @@ _OUTSIDE = {
     "wing, ± 0.4 span and ± 30°": {"noise"},
     "O-grid, ± 15°": {"speed", "noise"},
     "C-grid, ± 15°": {"speed", "noise"},
-    "wing in prisms, half of it": {"shape / plain"},
 }
 
 

@@ -99,7 +99,7 @@ class Law:
     """
 
     onset: float = -math.log(_ONSET)
-    stiffness: float = 14.0
+    stiffness: float = 15.0
     power: float = 5.0
     norm: PNorm = field(default_factory=lambda: PNorm(1.0, 16.0))
 

@@ -1,14 +1,18 @@
-"""The moving walls of a mesh and their rotation at each of their nodes.
+"""The moving walls of a mesh and their deformation at each of their nodes.
 
 A wall is a connected part of the boundary whose nodes have prescribed positions and at least one of which moves: a flag
 and the fixed cylinder to which it is clamped are one wall, the channel around them is not a moving wall.
 
-A facet of the wall (an edge in 2D, a triangle in 3D; a quad is two triangles) with the edge vectors e and the unit
-normal n deforms by ``F = [e' n'] [e n]⁻¹``, and turns by the rotation of its polar decomposition F = R U, thesis
-(5.10). A node turns by the rotation nearest to the mean of its facets' rotations, and then by the least rotation from
-its turned normal to its new normal: at an edge of a sheared wall the two differ. Facets are weighted by their angle at
-the node, which does not depend on how the wall is meshed. Neighbouring nodes share facets, so their rotations vary
-smoothly where the wall bends smoothly.
+A facet f of the wall (an edge in 2D, a triangle in 3D; a quad is two triangles) with the edge vectors e and the unit
+normal n deforms by ``F = [e' n'] [e n]⁻¹``, thesis (5.10). At a node, an edge o that leaves the wall shall go to F o at
+each of its facets, and its height above the facet counts more than its place along it::
+
+    G o = argmin_o'  Σ_f α_f [ (n'·(o' − F o))² + κ |(I − n' nᵀ') (o' − F o)|² ]
+
+So an edge normal to a smooth wall stays normal and keeps its length, and a rigid wall carries its edges rigidly. At a
+sharp edge of a wall that is stretched or sheared, where o is nearly in the plane of the facets, it follows them: the
+rotation alone would tilt it by more than its height. The facets' weights α_f are their angles at the node, which do not
+depend on how the wall is meshed. Neighbouring nodes share facets, so G varies smoothly where the wall bends smoothly.
 
 References
 ----------
@@ -20,6 +24,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -27,14 +32,14 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from mesh_motion_numerics.arrays import Floats, Integers, Marks
-from mesh_motion_numerics.decomposition import nearest_rotation
 from mesh_motion_numerics.mesh.closest_point import nearest_within
 from mesh_motion_numerics.mesh.roles import BoundaryRoles, Patch
 
-__all__ = ["MovingWall", "WallPlaces", "angles_at_corners", "facet_frames", "least_rotation", "simplices_of"]
+__all__ = ["ALONG", "MovingWall", "WallPlaces", "angles_at_corners", "facet_frames", "simplices_of", "weighting_of"]
 
 
-_OPPOSITE = 1e-6  # 1 + cosine below which directions are opposite, so that they have no least rotation
+ALONG = 0.5
+"""κ: a wing in prisms that bends and twists keeps 0.88 of its shape with it, 0.83 with 0.1, 0.87 with 1."""
 _ON_CORNER = 1e-9  # share of a facet's corner below which a place does not touch the corner
 
 
@@ -132,16 +137,28 @@ class MovingWall:
         weights /= weights.sum(axis=1, keepdims=True)
         return WallPlaces(self.simplices[facets], weights), facets
 
-    def rotations(self, moved: Floats) -> Floats:
-        """(w, d, d) rotation at each node when the nodes are at ``moved`` (w, d)."""
-        before, after = self.reference[self.simplices], moved[self.simplices]
-        frames, own = facet_frames(before), facet_frames(after)
-        turned = nearest_rotation(own @ np.linalg.inv(frames))
-        angles = angles_at_corners(before)
-        mean = nearest_rotation(self.summed(turned, angles))
-        normal = self.summed(frames[:, :, -1], angles)
-        goal = self.summed(own[:, :, -1], angles_at_corners(after))
-        return least_rotation(np.einsum("wij,wj->wi", mean, normal), goal) @ mean
+    def deformations(self, moved: Floats) -> Floats:
+        """(w, d, d) G at each node when the nodes are at ``moved`` (w, d)."""
+        return np.asarray(np.linalg.solve(*self.deformation_sums(moved)), dtype=np.float64)
+
+    def deformation_sums(self, moved: Floats) -> tuple[Floats, Floats]:
+        """A and B (w, d, d) of G = A⁻¹ B: the sums of W and W F over each node's facets, W = κ I + (1 − κ) n' nᵀ'."""
+        own, (inverse, angles) = facet_frames(moved[self.simplices]), self.at_rest
+        weighting = weighting_of(own)
+        return self.summed(weighting, angles), self.summed(weighting @ own @ inverse, angles)
+
+    @cached_property
+    def at_rest(self) -> tuple[Floats, Floats]:
+        """Inverses of the facets' frames (s, d, d) and the angles (s, d) in the reference mesh."""
+        corners = self.reference[self.simplices]
+        return np.linalg.inv(facet_frames(corners)), angles_at_corners(corners)
+
+    @property
+    def mean_projections(self) -> Floats:
+        """(w, d, d) mean of n nᵀ over each node's facets in the reference mesh."""
+        angles, normals = self.at_rest[1], self.normals
+        total = self.summed(np.ones(len(normals)), angles)
+        return self.summed(normals[:, :, None] * normals[:, None, :], angles) / total[:, None, None]
 
     def summed(self, values: Floats, angles: Floats) -> Floats:
         """(w, …) sum of the facets' values (s, …) at each node, weighted by their angles (s, d) there."""
@@ -162,17 +179,10 @@ def angles_at_corners(corners: Floats) -> Floats:
     return out
 
 
-def least_rotation(a: Floats, b: Floats) -> Floats:
-    """(w, d, d) least rotations from the directions of a to those of b (w, d); the identity where they cancel out."""
-    length = np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1)
-    cosine = np.sum(a * b, axis=1)
-    clear = length + cosine > _OPPOSITE * length
-    scale = np.where(clear & (length > 0.0), length, 1.0)
-    outer = np.einsum("wi,wj->wij", b, a)
-    skew = (outer - np.swapaxes(outer, 1, 2)) / scale[:, None, None]
-    cosine = np.where(clear, cosine / scale, 1.0)
-    least = np.eye(a.shape[1]) + skew + skew @ skew / (1.0 + cosine)[:, None, None]
-    return np.asarray(np.where(clear[:, None, None], least, np.eye(a.shape[1])))
+def weighting_of(frames: Floats) -> Floats:
+    """(s, d, d) W = κ I + (1 − κ) n' nᵀ' of facets with ``frames`` (s, d, d)."""
+    normal = frames[:, :, -1]
+    return ALONG * np.eye(normal.shape[1]) + (1.0 - ALONG) * normal[:, :, None] * normal[:, None, :]
 
 
 def simplices_of(facets: Mapping[str, Integers]) -> Integers:

@@ -3,10 +3,13 @@
 Each node x of the layer belongs to a place p = Σ b_j x_j of the reference wall: the foot of its column where layers of
 cells are stacked (:mod:`.boundary_layer_stacks`), otherwise the nearest place. The node goes to::
 
-    x' = p' + |x − p| t / |t|,      p' = Σ b_j x_j',      t = Σ b_j R_j (x − p)
+    x' = p' + s t / |t|,      p' = Σ b_j x_j',      t = Σ b_j G_j (x − p)
+    s = (1 − a) |x − p| + a Σ b_j |G_j (x − p)|
 
-with the wall's nodes at x_j' and their rotations R_j (:mod:`.boundary_layer_wall`). So its distance from p is kept to
-rounding, nodes above each other stay on one line, and a wall that moves rigidly carries its layer rigidly. All
+with the wall's nodes at x_j' and their deformations G_j (:mod:`.boundary_layer_wall`). The share a is 0 where the wall
+is smooth or has blunt edges: the node's distance from p is kept. It is 1 where x − p is nearly in the plane of the
+facets, at a sharp edge: if the wall is stretched or sheared there, a kept distance would shear the cells by a multiple
+of their height. Nodes above each other stay on one line, and a wall that moves rigidly carries its layer rigidly. All
 positions are computed from the reference mesh: there is no drift.
 
 The other nodes are interpolated, but not from the wall: the layer's outermost nodes shield it. They replace the wall's
@@ -23,6 +26,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -38,6 +42,7 @@ from mesh_motion_numerics.mesh.sliding import SlidingSurfaces
 __all__ = ["BoundaryLayer", "Shield", "held_with"]
 
 
+_SHARP, _BLUNT = 0.25, 0.5  # mean cos² between an edge and its facets' normals where a is 1 and 0
 _SPOILED = 0.2  # share of a cell's quality at rest below which no correction can repair it
 
 
@@ -126,13 +131,26 @@ class BoundaryLayer:
         """The same, before the layer's sliding nodes are put onto their walls."""
         wall = moved[self.wall.nodes]
         corners, weights = self.tied.places
-        turned = np.einsum("ljab,lb->lja", self.wall.rotations(wall)[corners], self.tied.offsets)
+        turned = np.einsum("ljab,lb->lja", self.wall.deformations(wall)[corners], self.tied.offsets)
         mean = np.einsum("lj,lja->la", weights, turned)
         length = np.linalg.norm(mean, axis=1, keepdims=True)
-        distance = np.linalg.norm(self.tied.offsets, axis=1, keepdims=True)
-        first = turned[np.arange(len(weights)), np.argmax(weights, axis=1)]  # possible if opposite rotations cancel out
+        distance = self.distances(turned)[:, None]
         scale = np.divide(distance, length, out=np.zeros_like(length), where=length > 0.0)
-        return np.asarray(self.tied.places.of(wall) + np.where(length > 0.0, scale * mean, first))
+        return np.asarray(self.tied.places.of(wall) + scale * mean)
+
+    def distances(self, turned: Floats) -> Floats:
+        """(l,) s, with the products G_j (x − p) (l, d, d)."""
+        kept = np.linalg.norm(self.tied.offsets, axis=1)
+        stretched = np.einsum("lj,lj->l", self.tied.places.weights, np.linalg.norm(turned, axis=2))
+        return np.asarray((1.0 - self.follows) * kept + self.follows * stretched)
+
+    @cached_property
+    def follows(self) -> Floats:
+        """(l,) a: the share by which the nodes' distances follow the wall's deformation."""
+        (corners, weights), offsets = self.tied.places, self.tied.offsets
+        height = np.einsum("lj,la,ljab,lb->l", weights, offsets, self.wall.mean_projections[corners], offsets)
+        cosine2 = height / np.maximum(np.sum(offsets * offsets, axis=1), np.finfo(float).tiny)
+        return np.asarray(np.clip((_BLUNT - cosine2) / (_BLUNT - _SHARP), 0.0, 1.0))
 
     def without(self, released: Marks) -> BoundaryLayer | None:
         """The layer without the released (n,) nodes; None if none is left."""

@@ -93,8 +93,8 @@ class LayeredWalls:
     def spoiled_by(self, moved: Floats) -> bool:
         """Whether at positions (n, d) a first edge has changed its length or direction by more than allowed."""
         feet = self.wall.nodes[self.rows]
-        turn = self.wall.rotations(moved[self.wall.nodes])[self.rows]
-        before = np.einsum("kij,kj->ki", turn, self.points[self.above] - self.points[feet])
+        turned = self.wall.deformations(moved[self.wall.nodes])[self.rows]
+        before = np.einsum("kij,kj->ki", turned, self.points[self.above] - self.points[feet])
         now = moved[self.above] - moved[feet]
         length, own = np.linalg.norm(before, axis=1), np.linalg.norm(now, axis=1)
         if np.any(np.abs(own - length) > _STRETCH * length):
