@@ -44,9 +44,8 @@ from mesh_motion_numerics.interpolation.factor_source import (
 from mesh_motion_numerics.interpolation.interpolant import Factorization
 from mesh_motion_numerics.interpolation.kernels import basis_named
 from mesh_motion_numerics.interpolation.periodic_interpolant import periodic_factorization_of
-from mesh_motion_numerics.interpolation.two_scale.factorization import TwoScalePlan
+from mesh_motion_numerics.interpolation.two_scale.factorization import TwoScalePlan, plan_for, plans_for
 from mesh_motion_numerics.interpolation.two_scale.interpolant import AnyInterpolant
-from mesh_motion_numerics.interpolation.two_scale.plans import plan_for, plans_for
 from mesh_motion_numerics.mesh.boundary_facets import boundary_facets
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.mesh.paths import RigidMotion, fit_rigid_motion, substeps
