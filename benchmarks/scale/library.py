@@ -15,7 +15,7 @@ from unittest.mock import patch
 
 import numpy as np
 from mesh_motion_numerics.interpolation.factor_source import MakeEachTime
-from mesh_motion_numerics.interpolation.two_scale import plans
+from mesh_motion_numerics.interpolation.two_scale import factorization
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.mesh.roles import Patch
 from mesh_motion_numerics.method import Method
@@ -95,8 +95,8 @@ def model_of(task: Task, method: Method) -> MotionModel:
 def _warm_up(task: Task) -> None:
     """Import all that a motion needs, as a server does before its first session."""
     small = small_task(task)
-    for most in (plans.AUTOMATIC_FROM, 0):
-        with patch.object(plans, "AUTOMATIC_FROM", most):
+    for most in (factorization.AUTOMATIC_FROM, 0):
+        with patch.object(factorization, "AUTOMATIC_FROM", most):
             model = model_of(small, Method(quality_metric="size-skew", quality_threshold=0.0))
             for each in (model, model.without_distributions()):
                 each.move(small.points, small.targets(0))

@@ -27,9 +27,11 @@ def _libraries() -> list[LibController]:
 @contextmanager
 def one_blas_thread() -> Iterator[None]:
     """Limit every loaded BLAS to one thread, and restore the limits at the end."""
-    several = [(library, found) for library in _libraries() if (found := library.get_num_threads()) != 1]
-    for library, _ in several:
-        library.set_num_threads(1)
+    several = []
+    for library in _libraries():
+        if (found := library.get_num_threads()) != 1:
+            several.append((library, found))
+            library.set_num_threads(1)
     try:
         yield
     finally:

@@ -5,6 +5,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
+from dataclasses import dataclass, field
 
 from mesh_motion_protocol.errors import Timeout
 
@@ -14,12 +15,12 @@ __all__ = ["PHASES", "Stopwatch", "check_time", "time_limit"]
 PHASES = ("solve", "displace", "predict", "correct")
 
 
+@dataclass
 class Stopwatch:
     """Adds up the seconds spent in each named phase."""
 
-    def __init__(self) -> None:
-        self._started = time.perf_counter()
-        self._seconds = dict.fromkeys(PHASES, 0.0)
+    _started: float = field(default_factory=time.perf_counter)
+    _seconds: dict[str, float] = field(default_factory=dict.fromkeys(PHASES, 0.0).copy)
 
     @contextmanager
     def phase(self, name: str) -> Iterator[None]:

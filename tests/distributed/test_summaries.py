@@ -8,9 +8,8 @@ from box_meshes import box_mesh
 from mesh_motion_numerics.distributed.counted_cells import CountedCells
 from mesh_motion_numerics.distributed.summaries import joined
 from mesh_motion_numerics.mesh.cells import CellTable
-from mesh_motion_numerics.quality.mesh_summary import summarize
 from mesh_motion_numerics.quality.metrics import QUALITY_METRICS, cell_quality, cells_at_rest
-from mesh_motion_numerics.quality.quality_summary import QualitySummary
+from mesh_motion_numerics.quality.quality_summary import QualitySummary, summarize
 from own_ranks import box_file
 
 from mesh_motion_server.files.partitions import partitions

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 sys.path.insert(0, str(Path(__file__).parents[1] / "numerics"))
 sys.path.insert(0, str(Path(__file__).parents[2]))
 from box_meshes import box_mesh
-from mesh_motion_numerics.interpolation.two_scale import plans
+from mesh_motion_numerics.interpolation.two_scale import factorization
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.mesh.roles import Patch
 from mesh_motion_numerics.method import Method
@@ -51,7 +51,9 @@ def moved(name: str) -> str:
     if kind == "tetra":
         cells = CellTable.from_arrays({kind: np.concatenate([cells.blocks[0].nodes[:, tetra] for tetra in _SIX])})
     patches = {"body": Patch("moving", mesh.body), "outer": Patch("fixed", mesh.outer)}
-    with patch.object(plans, "AUTOMATIC_FROM", 0 if name.endswith("two scales") else plans.AUTOMATIC_FROM):
+    with patch.object(
+        factorization, "AUTOMATIC_FROM", 0 if name.endswith("two scales") else factorization.AUTOMATIC_FROM
+    ):
         model = MotionModel.build(mesh.points, cells, patches, method)
     if name.endswith("sparse"):
         model = in_one_scale(model, "sparse")

@@ -5,7 +5,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from mesh_motion_numerics.mesh.cells import CELL_TYPES, CellTable
-from mesh_motion_numerics.quality.mesh_summary import lowest_of, lowest_quality, mesh_summary
 from mesh_motion_numerics.quality.metrics import (
     QUALITY_METRICS,
     CellsAtRest,
@@ -13,6 +12,7 @@ from mesh_motion_numerics.quality.metrics import (
     cells_at_rest,
     reference_sizes,
 )
+from mesh_motion_numerics.quality.quality_summary import lowest_of, lowest_quality, mesh_summary
 from thread_counts import on_one_and_on_all_threads
 from tiny_meshes import tiny_mesh, tiny_meshes
 

@@ -3,9 +3,14 @@
 import numpy as np
 import pytest
 from mesh_motion_numerics.mesh.cells import CellTable
-from mesh_motion_numerics.quality.mesh_summary import lowest_of, lowest_quality, mesh_summary, summarize
 from mesh_motion_numerics.quality.metrics import QUALITY_METRICS, cell_quality, cells_at_rest, reference_sizes
-from mesh_motion_numerics.quality.quality_summary import distribution
+from mesh_motion_numerics.quality.quality_summary import (
+    distribution,
+    lowest_of,
+    lowest_quality,
+    mesh_summary,
+    summarize,
+)
 from mesh_motion_protocol.errors import InvalidInput
 from thread_counts import on_one_and_on_all_threads
 from tiny_meshes import tiny_meshes

@@ -7,7 +7,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mesh_motion_numerics.mesh.cells import CELL_TYPES, CellTable
 from mesh_motion_numerics.method import KEYS
-from mesh_motion_numerics.quality.mesh_summary import lowest_quality, mesh_summary
 from mesh_motion_numerics.quality.metrics import (
     METRIC_CODES,
     QUALITY_METRICS,
@@ -16,6 +15,7 @@ from mesh_motion_numerics.quality.metrics import (
     reference_sizes,
     subset_quality,
 )
+from mesh_motion_numerics.quality.quality_summary import lowest_quality, mesh_summary
 from mesh_motion_protocol.errors import InvalidInput
 from thread_counts import on_one_and_on_all_threads
 

@@ -133,9 +133,11 @@ def test_it_is_that_of_differences_and_its_transpose(name: str) -> None:
         there, back = (model.move(moved, moved[model.roles.moving] + s * h * v, factors).points for s in (1, -1))
         return (there - back) / (2.0 * h)
 
-    exact = (4.0 * difference(1.25e-4) - difference(2.5e-4)) / 3.0
-    bound = 1e-8 if slope.smooth is None else 1e-5  # the minimum is found to 1e-9, which a difference divides by 1e-4
-    assert np.abs(found - exact).max() < bound * np.abs(found).max()
+    # the motion has a third derivative only between the places where further cells begin to resist: a difference over
+    # such a place is wrong by up to 2e-6, and a shorter one loses digits
+    sizes = (2.5e-4,) if slope.smooth is None else (3e-5, 5e-6)
+    errors = [np.abs(found - (4.0 * difference(h / 2.0) - difference(h)) / 3.0).max() for h in sizes]
+    assert min(errors) < 1e-8 * np.abs(found).max()
     assert (found[model.roles.moving] == v).all()
     w = np.random.default_rng(3).standard_normal(points.shape)
     back = slope.cotangent(w)

@@ -5,9 +5,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from mesh_motion_numerics.mesh.cells import CellTable
-from mesh_motion_numerics.quality.mesh_summary import mesh_summary, summarize
 from mesh_motion_numerics.quality.metrics import cell_quality, reference_sizes
-from mesh_motion_numerics.quality.quality_summary import distribution, percentile_ranks, smallest
+from mesh_motion_numerics.quality.quality_summary import (
+    distribution,
+    mesh_summary,
+    percentile_ranks,
+    smallest,
+    summarize,
+)
 from thread_counts import on_one_and_on_all_threads
 
 NEAR_ONE = st.integers(0, 2000).map(lambda k: 1.0 - k * 2.0**-53)

@@ -5,7 +5,7 @@ from unittest import mock
 
 import numpy as np
 from frame_meshes import square_frame
-from mesh_motion_numerics.interpolation.two_scale import plans
+from mesh_motion_numerics.interpolation.two_scale import factorization
 from mesh_motion_numerics.method import Method
 from mesh_motion_numerics.motion.motion import MotionModel
 
@@ -79,7 +79,7 @@ def _disc(**choices: str) -> tuple[MotionModel, np.ndarray, np.ndarray]:
     points, cells, patches = square_frame(30, kind="quad")
     moving = patches["block"].nodes
     method = Method(support_radius=2.0, correction="none", **choices)
-    with mock.patch.object(plans, "AUTOMATIC_FROM", 0):
+    with mock.patch.object(factorization, "AUTOMATIC_FROM", 0):
         model = MotionModel.build(points, cells, patches, method)
     turn = 0.02 * (points[moving] - 0.5) @ np.array([[0.0, 1.0], [-1.0, 0.0]])
     return model, turn + np.array([0.01, 0.0]), turn

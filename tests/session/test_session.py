@@ -11,9 +11,9 @@ import pytest
 from box_meshes import CELL_KINDS, box_mesh
 from mesh_motion_numerics.distributed.region import Extent, Region
 from mesh_motion_numerics.mesh.finite_volume import face_measures
-from mesh_motion_numerics.quality.mesh_summary import mesh_summary
 from mesh_motion_numerics.quality.metrics import reference_sizes
 from mesh_motion_numerics.quality.orientation import _mirrored
+from mesh_motion_numerics.quality.quality_summary import mesh_summary
 from mesh_motion_protocol.errors import DataLoss, InvalidInput, QualityRefused, SessionError
 from raising import raising
 from tiny_meshes import tiny_mesh

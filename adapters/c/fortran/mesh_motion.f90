@@ -18,9 +18,9 @@
 !     if (server%failed()) print *, server%error_message()
 !     call server%free()
 !
-! Nodes count from 1 here; in messages the module counts them from 0. Errors are sticky: the first one stays in the
-! server, and every later call does nothing until clear_error. The arrays of the mesh are copied, so they may be
-! temporaries.
+! Nodes count from 1 here; in messages, and in the texts of errors, they count from 0 (error_hint says so).
+! Errors are sticky: the first one stays in the server, and every later call does nothing until clear_error. The arrays
+! of the mesh are copied, so they may be temporaries.
 module mesh_motion
    use, intrinsic :: iso_c_binding, only: c_ptr, c_null_ptr, c_associated, c_f_pointer, c_loc, c_char, c_null_char, &
                                           c_int, c_int8_t, c_int32_t, c_int64_t, c_double, c_size_t
@@ -646,6 +646,19 @@ contains
       class(mm_server), intent(in) :: self
       character(:), allocatable :: text
       text = from_c(c_error_hint(self%handle))
+      if (.not. counts(self%error_message())) return
+      if (len(text) > 0) text = text//"; "
+      text = text//"the message counts nodes, cells and rows from 0: add 1"
+   end function
+
+   ! Whether a message has the number of a node, a cell or a row.
+   pure function counts(message) result(found)
+      character(*), intent(in) :: message
+      logical :: found
+      character(6), parameter :: words(4) = [character(6) :: " node", " nodes", " cell", " row"]
+      integer :: word, digit
+      found = any([((index(" "//message, trim(words(word))//" "//achar(iachar("0") + digit)) > 0, &
+                     digit = 0, 9), word = 1, size(words))])
    end function
 
    ! A number of the details: "best", "fraction", "row"; NaN if the details have no such number.

@@ -70,7 +70,8 @@ outcome mmi_connect_to(mm_context *context, connection *connection, const char *
     snprintf(monitor, sizeof monitor, "inproc://mesh-motion-%u", context->monitors++);
     void *socket = connection->socket = zmq_socket(context->zmq, ZMQ_DEALER);
     if (!socket) {
-        return mmi_fail(context, "RESOURCE_EXHAUSTED", "", "no socket: %s", zmq_strerror(zmq_errno()));
+        return mmi_fail(context, "RESOURCE_EXHAUSTED", "raise the limit of open files (ulimit -n)", "no socket: %s",
+                        zmq_strerror(zmq_errno()));
     }
     set_option(socket, ZMQ_LINGER, 0);
     /* a send does not wait and a receive follows a poll; these limits end a call all the same if one does wait */
@@ -88,7 +89,8 @@ outcome mmi_connect_to(mm_context *context, connection *connection, const char *
     }
     if (!connection->events || zmq_connect(connection->events, monitor) != 0) {
         mmi_disconnect(connection);
-        return mmi_fail(context, "RESOURCE_EXHAUSTED", "", "no socket: %s", zmq_strerror(zmq_errno()));
+        return mmi_fail(context, "RESOURCE_EXHAUSTED", "raise the limit of open files (ulimit -n)", "no socket: %s",
+                        zmq_strerror(zmq_errno()));
     }
     if (!set_keys(context, socket)) {
         mmi_disconnect(connection);
@@ -97,8 +99,8 @@ outcome mmi_connect_to(mm_context *context, connection *connection, const char *
     }
     if (zmq_connect(socket, endpoint) != 0) {
         mmi_disconnect(connection);
-        return mmi_fail(context, "INVALID_ARGUMENT", "", "endpoint must be tcp://HOST:PORT or ipc:///path, got '%s'",
-                        endpoint);
+        return mmi_fail(context, "INVALID_ARGUMENT", "`mesh-motion serve` prints its endpoint",
+                        "endpoint must be tcp://HOST:PORT or ipc:///path, got '%s'", endpoint);
     }
     return DONE;
 }
@@ -214,7 +216,8 @@ static outcome read_key(mm_context *context, const char *path, const char *kind,
         if (file) {
             fclose(file);
         }
-        return mmi_fail(context, "INVALID_ARGUMENT", "", "%s: cannot be read: %s", path, strerror(errno));
+        return mmi_fail(context, "INVALID_ARGUMENT", "`mesh-motion keys` writes the files of keys",
+                        "%s: cannot be read: %s", path, strerror(errno));
     }
     size_t size = fread(text, 1, sizeof text - 1, file);
     fclose(file);
@@ -228,8 +231,8 @@ static outcome read_key(mm_context *context, const char *path, const char *kind,
     char found[KEY_CHARACTERS + 2];
     if (sscanf(text, "%31s %41s %79s", word, found, name) != 3 || strcmp(word, kind) != 0
         || strlen(found) != KEY_CHARACTERS) {
-        return mmi_fail(context, "INVALID_ARGUMENT", "",
-                        "%s: expected one line '%s KEY NAME', as `mesh-motion keys` writes it", path, kind);
+        return mmi_fail(context, "INVALID_ARGUMENT", "give the file as `mesh-motion keys` wrote it",
+                        "%s: expected one line '%s KEY NAME'", path, kind);
     }
     memcpy(key, found, KEY_CHARACTERS + 1);
     return DONE;
@@ -239,7 +242,7 @@ mm_result mm_set_keys(mm_context *context, const char *secret_file, const char *
 {
     BEGIN(context);
     if (!secret_file || !server_key) {
-        mmi_fail(context, "INVALID_ARGUMENT", "",
+        mmi_fail(context, "INVALID_ARGUMENT", "give both files, or none for a server without --keys",
                  "both keys must be given: the client's secret one and the server's public one");
         return context->error;
     }
@@ -272,8 +275,8 @@ mm_result mmi_keys_of_environment(mm_context *context)
         return MM_OK;
     }
     if (!secret || !server) {
-        mmi_fail(context, "INVALID_ARGUMENT", "",
-                 "MESH_MOTION_KEY and MESH_MOTION_SERVER_KEY must be set both, or neither");
+        mmi_fail(context, "INVALID_ARGUMENT", "set both, or neither for a server without --keys",
+                 "only one of MESH_MOTION_KEY and MESH_MOTION_SERVER_KEY is set");
         return context->error;
     }
     return mm_set_keys(context, secret, server);

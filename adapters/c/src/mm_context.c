@@ -59,7 +59,8 @@ outcome mmi_fail(mm_context *context, const char *code, const char *hint, const 
 
 outcome mmi_no_memory(mm_context *context)
 {
-    return mmi_fail(context, "RESOURCE_EXHAUSTED.MEMORY", "", "there is no memory on this side");
+    return mmi_fail(context, "RESOURCE_EXHAUSTED.MEMORY", "free some, or divide the mesh into more partitions",
+                    "there is no memory on this side");
 }
 
 mm_result mm_error(const mm_context *context) { return context ? context->error : MM_INVALID_ARGUMENT; }
@@ -138,9 +139,9 @@ void *mmi_one_more(mm_context *context, void *table, size_t count, size_t *capac
     return grown;
 }
 
-mm_result mmi_invalid(mm_context *context, const char *message, const char *got)
+mm_result mmi_invalid(mm_context *context, const char *hint, const char *message, const char *got)
 {
-    mmi_fail(context, "INVALID_ARGUMENT", "", message, got);
+    mmi_fail(context, "INVALID_ARGUMENT", hint, message, got);
     return context->error;
 }
 
@@ -204,8 +205,8 @@ mm_result mm_set_timeouts(mm_context *context, double seconds, double compute_se
     BEGIN(context);
     /* libzmq stores milliseconds in a long; and every call must end */
     if (!(seconds > 0.0 && seconds < 1e6 && compute_seconds > 0.0 && compute_seconds < 1e6)) {
-        mmi_fail(context, "INVALID_ARGUMENT", "", "time-outs must be above 0 and below 1e6 s, got %g and %g", seconds,
-                 compute_seconds);
+        mmi_fail(context, "INVALID_ARGUMENT", "give seconds; 60 and 1800 are usual",
+                 "time-outs must be above 0 and below 1e6 s, got %g and %g", seconds, compute_seconds);
         return context->error;
     }
     context->timeout = seconds;
@@ -219,7 +220,8 @@ mm_result mm_connect(mm_context *context, const char *endpoint)
 {
     BEGIN(context);
     if (!endpoint || strlen(endpoint) >= ENDPOINT_BYTES) {
-        mmi_fail(context, "INVALID_ARGUMENT", "", "endpoint must be tcp://HOST:PORT or ipc:///path");
+        mmi_fail(context, "INVALID_ARGUMENT", "`mesh-motion serve` prints its endpoint",
+                 "endpoint must be tcp://HOST:PORT or ipc:///path, of at most %d bytes", ENDPOINT_BYTES - 1);
         return context->error;
     }
     if (mmi_keys_of_environment(context) != MM_OK) {

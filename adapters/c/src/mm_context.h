@@ -39,7 +39,7 @@ __attribute__((format(printf, 4, 5))) outcome mmi_fail(mm_context *context, cons
                                                        const char *format, ...);
 outcome mmi_no_memory(mm_context *context);
 /* INVALID_ARGUMENT; `message` has one %s for `got`. */
-mm_result mmi_invalid(mm_context *context, const char *message, const char *got);
+mm_result mmi_invalid(mm_context *context, const char *hint, const char *message, const char *got);
 outcome mmi_check_has_server(mm_context *context);
 /* Room for one more item of `size` bytes in a table that doubles. Without memory it returns NULL and sets the error. */
 void *mmi_one_more(mm_context *context, void *table, size_t count, size_t *capacity, size_t size);
@@ -81,7 +81,8 @@ mm_result mmi_fail_forked(mm_context *context);
     do {                                                                                                               \
         BEGIN_SESSION(session);                                                                                        \
         if ((session)->joined) {                                                                                       \
-            mmi_fail((session)->context, "FAILED_PRECONDITION.STATE", "", "the session is open already");              \
+            mmi_fail((session)->context, "FAILED_PRECONDITION.STATE", "set it before the session is opened",           \
+                     "the session is open already");                                                                   \
             return (session)->context->error;                                                                          \
         }                                                                                                              \
     } while (0)

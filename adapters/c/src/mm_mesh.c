@@ -36,7 +36,8 @@ mm_result mm_points(mm_session *session, int dimension, size_t nodes, const doub
 {
     BEGIN_SESSION(session);
     if (dimension < 1 || dimension > 3 || (nodes && !points)) {
-        return mmi_invalid(session->context, "points must have 1, 2 or 3 coordinates%s", "");
+        return mmi_invalid(session->context, "the first argument after the session is the dimension",
+                           "points must have 1, 2 or 3 coordinates%s", "");
     }
     block made = mmi_make_block("nodes", points, nodes, (size_t)dimension, 8);
     made.is_float = 1;
@@ -52,7 +53,8 @@ mm_result mm_points(mm_session *session, int dimension, size_t nodes, const doub
         return MM_OK;
     }
     if (session->block_count) {
-        return mmi_invalid(session->context, "mm_points must be called before cells, patches and global ids%s", "");
+        return mmi_invalid(session->context, "call mm_points first",
+                           "mm_points must be called before cells, patches and global ids%s", "");
     }
     return mmi_add_block(session, &made);
 }
@@ -81,7 +83,7 @@ static mm_result add_cells(mm_session *session, const char *type, size_t cells, 
         snprintf(made.name, sizeof made.name, "%s", type);
         return mmi_add_block(session, &made);
     }
-    return mmi_invalid(session->context,
+    return mmi_invalid(session->context, "divide other cells, or give their corners alone",
                        "cell types are line, triangle, quad, tetra, pyramid, wedge, hexahedron, with nodes; got '%s'",
                        type ? type : "");
 }
@@ -101,8 +103,8 @@ mm_result mm_patch(mm_session *session, const char *name, const char *role, size
     static const char *const ROLES[] = {"moving", "fixed", "slip", "symmetry", "periodic"};
     BEGIN_SESSION(session);
     if (!name || !*name || strlen(name) >= NAME_BYTES || (nodes && !indices)) {
-        return mmi_invalid(session->context, "a patch must have a name of at most 256 bytes, and nodes; got '%s'",
-                           name ? name : "");
+        return mmi_invalid(session->context, "give a name that is not empty, and the array of nodes",
+                           "a patch must have a name of at most 256 bytes, and nodes; got '%s'", name ? name : "");
     }
     for (size_t i = 0; role && i < sizeof ROLES / sizeof *ROLES; ++i) {
         if (strcmp(role, ROLES[i]) == 0) {
@@ -112,7 +114,7 @@ mm_result mm_patch(mm_session *session, const char *name, const char *role, size
             return mmi_add_block(session, &made);
         }
     }
-    return mmi_invalid(session->context,
+    return mmi_invalid(session->context, "nodes that slide along their wall have the role slip",
                        "a patch's role must be one of moving, fixed, slip, symmetry, periodic; got '%s'",
                        role ? role : "");
 }
@@ -121,7 +123,8 @@ mm_result mm_global_ids(mm_session *session, const int64_t *ids)
 {
     BEGIN_SESSION(session);
     if (!session->dimension || (session->nodes && !ids)) {
-        return mmi_invalid(session->context, "global ids are one for each node, and mm_points comes before them%s", "");
+        return mmi_invalid(session->context, "call mm_points first, and give an array",
+                           "global ids are one for each node, and mm_points comes before them%s", "");
     }
     block made = mmi_make_block("global_ids", ids, session->nodes, 1, 8);
     return mmi_add_block(session, &made);
@@ -153,7 +156,7 @@ outcome mmi_check_rows(mm_context *context, const block *rows, size_t nodes, con
             index = rows->width == 8 ? ((const int64_t *)rows->data)[i] : ((const int32_t *)rows->data)[i];
         }
         if (index < 0 || (uint64_t)index >= nodes) {
-            return mmi_fail(context, "INVALID_ARGUMENT", "node numbers count from 0",
+            return mmi_fail(context, "INVALID_ARGUMENT", "give numbers of nodes of this mesh",
                             "%s must name nodes 0 ... %zu, got %" PRId64 " in row %zu", what, nodes - 1, index,
                             i / rows->columns);
         }
@@ -273,7 +276,8 @@ mm_result mm_build(mm_session *session)
     mm_context *context = session->context;
     if (mmi_check_joined(session) == DONE && session->moving) {
         /* checked here, not by the server: a refused session is discarded below, but this session is in use */
-        mmi_fail(context, "FAILED_PRECONDITION.STATE", "", "the session is built already");
+        mmi_fail(context, "FAILED_PRECONDITION.STATE", "make another session for another mesh",
+                 "the session is built already");
     }
     if (context->error || check_mesh(session) != DONE) {
         return context->error;

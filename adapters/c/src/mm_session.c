@@ -92,7 +92,8 @@ static setting *place_of(mm_session *session, const char *key)
 static mm_result set(mm_session *session, const char *key, setting value)
 {
     if (!key || !*key || strlen(key) >= sizeof value.key || session->setting_count >= MMI_CONTAINER_ITEMS) {
-        return mmi_invalid(session->context, "there is no such setting: '%s'", key ? key : "");
+        return mmi_invalid(session->context, "SPEC.md, section 14, lists the settings",
+                           "there is no such setting: '%s'", key ? key : "");
     }
     setting *place = place_of(session, key);
     if (place) {
@@ -106,7 +107,8 @@ mm_result mm_set_number(mm_session *session, const char *key, double value)
 {
     BEGIN_UNOPENED(session);
     if (!isfinite(value)) {
-        return mmi_invalid(session->context, "the setting '%s' must be finite", key ? key : "");
+        return mmi_invalid(session->context, "leave it out for its default", "the setting '%s' must be finite",
+                           key ? key : "");
     }
     setting made = {.kind = MMI_NUMBER, .number = value};
     return set(session, key, made);
@@ -131,7 +133,8 @@ mm_result mm_set_text(mm_session *session, const char *key, const char *value)
     BEGIN_UNOPENED(session);
     setting made = {.kind = MMI_TEXT};
     if (!value || strlen(value) >= sizeof made.text) {
-        return mmi_invalid(session->context, "the setting '%s' has no such choice", key ? key : "");
+        return mmi_invalid(session->context, "leave it out for its default", "the setting '%s' has no such choice",
+                           key ? key : "");
     }
     snprintf(made.text, sizeof made.text, "%s", value);
     return set(session, key, made);
@@ -141,7 +144,7 @@ mm_result mm_set_label(mm_session *session, const char *label)
 {
     BEGIN_UNOPENED(session);
     if (!label || strlen(label) >= sizeof session->label) {
-        return mmi_invalid(session->context, "a label has at most 256 bytes%s", "");
+        return mmi_invalid(session->context, "give a shorter one", "a label has at most 256 bytes%s", "");
     }
     snprintf(session->label, sizeof session->label, "%s", label);
     return MM_OK;
@@ -151,7 +154,8 @@ mm_result mm_set_durability(mm_session *session, const char *durability)
 {
     BEGIN_UNOPENED(session);
     if (!durability || strlen(durability) >= sizeof session->durability) {
-        return mmi_invalid(session->context, "there is no such durability: '%s'", durability ? durability : "");
+        return mmi_invalid(session->context, "give full, replay or relaxed", "there is no such durability: '%s'",
+                           durability ? durability : "");
     }
     snprintf(session->durability, sizeof session->durability, "%s", durability);
     return MM_OK;
@@ -161,7 +165,7 @@ mm_result mm_set_evaluation(mm_session *session, const char *evaluation)
 {
     BEGIN_UNOPENED(session);
     if (!evaluation || (strcmp(evaluation, "server") != 0 && strcmp(evaluation, "client") != 0)) {
-        return mmi_invalid(session->context, "evaluation is by server or client, got '%s'",
+        return mmi_invalid(session->context, "give server or client", "evaluation is by server or client, got '%s'",
                            evaluation ? evaluation : "");
     }
     session->evaluates = strcmp(evaluation, "client") == 0;
@@ -172,7 +176,7 @@ mm_result mm_set_partition(mm_session *session, int partition, int partitions)
 {
     BEGIN_UNOPENED(session);
     if (partitions < 1 || partitions > 256 || partition < 0 || partition >= partitions) {
-        mmi_fail(session->context, "INVALID_ARGUMENT.PARTITION", "",
+        mmi_fail(session->context, "INVALID_ARGUMENT.PARTITION", "give the rank and the number of ranks",
                  "partitions count from 0, at most 256; got %d of %d", partition, partitions);
         return session->context->error;
     }
@@ -333,7 +337,8 @@ mm_result mm_open(mm_session *session)
 {
     BEGIN_UNOPENED(session);
     if (!session->dimension) {
-        return mmi_invalid(session->context, "mm_points must be called before mm_open%s", "");
+        return mmi_invalid(session->context, "give the mesh first: mm_points, mm_cells, mm_patch",
+                           "mm_points must be called before mm_open%s", "");
     }
     if (mmi_check_has_server(session->context) == DONE) {
         mmi_open_patiently(session);
@@ -423,7 +428,8 @@ mm_result mm_set_credentials(mm_session *session, const char *id, const uint8_t 
 {
     BEGIN_SESSION(session);
     if (!id || strlen(id) != MM_ID_SIZE - 1 || !token) {
-        return mmi_invalid(session->context, "a session's id has 32 characters, and there must be its token%s", "");
+        return mmi_invalid(session->context, "give what mm_id and mm_token returned",
+                           "a session's id has 32 characters, and there must be its token%s", "");
     }
     if (strcmp(session->id, id) != 0) { /* forget the state of the session before */
         mmi_disconnect(&session->data);
@@ -454,7 +460,8 @@ mm_result mm_save_credentials(mm_session *session, const char *path)
     /* written to another file first: with a truncated file the session would be lost */
     int length = path ? snprintf(part, sizeof part, "%s.part", path) : -1;
     if (length < 0 || (size_t)length >= sizeof part) {
-        return mmi_invalid(session->context, "the credentials need a path%s", "");
+        return mmi_invalid(session->context, "give a path of at most 4090 bytes",
+                           "the credentials need a path%s", "");
     }
     /* a file from an earlier attempt, or from another user, could have another mode and owner */
     unlink(part);
@@ -462,7 +469,8 @@ mm_result mm_save_credentials(mm_session *session, const char *path)
     int written = file >= 0 && write(file, text, (size_t)used) == (ssize_t)used && fsync(file) == 0;
     written = file >= 0 && close(file) == 0 && written;
     if (!written || rename(part, path) != 0) {
-        mmi_fail(session->context, "INVALID_ARGUMENT", "", "%s: cannot be written: %s", path, strerror(errno));
+        mmi_fail(session->context, "INVALID_ARGUMENT", "give a path in a folder that this user may write to",
+                 "%s: cannot be written: %s", path, strerror(errno));
     }
     return session->context->error;
 }
@@ -480,7 +488,8 @@ mm_result mm_load_credentials(mm_session *session, const char *path)
     text[size] = '\0';
     if (sscanf(text, " { \"session\" : \"%32[0-9a-f]\" , \"token\" : \"%64[0-9a-f]\" }", id, hex) != 2
         || strlen(hex) != 2 * MM_TOKEN_BYTES) {
-        return mmi_invalid(session->context, "%s must hold a session and a token", path ? path : "the credentials");
+        return mmi_invalid(session->context, "give a file that mm_save_credentials wrote",
+                           "%s must hold a session and a token", path ? path : "the credentials");
     }
     for (size_t i = 0; i < MM_TOKEN_BYTES; ++i) {
         unsigned byte = 0;

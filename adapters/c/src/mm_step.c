@@ -31,7 +31,8 @@ static outcome check_move(mm_session *session, size_t moving, const double *disp
                         session->moving_count, session->nodes, moving, nodes);
     }
     if ((moving && !displacement) || (nodes && !to)) {
-        return mmi_fail(context, "INVALID_ARGUMENT", "", "the displacement and the answer must be there");
+        return mmi_fail(context, "INVALID_ARGUMENT", "give arrays of mm_moving_nodes and mm_node_count rows",
+                        "the displacement and the answer must be there");
     }
     block rows = mmi_make_block("displacement", displacement, moving, (size_t)session->dimension, 8);
     rows.is_float = 1;
@@ -74,7 +75,8 @@ mm_result mm_set_report(mm_session *session, const char *report)
 {
     BEGIN_SESSION(session);
     if (!report || strlen(report) >= sizeof session->report) {
-        return mmi_invalid(session->context, "there is no such report: '%s'", report ? report : "");
+        return mmi_invalid(session->context, "give faces, headroom or swept, or \"\" for none",
+                           "there is no such report: '%s'", report ? report : "");
     }
     snprintf(session->report, sizeof session->report, "%s", report);
     return MM_OK;
@@ -84,7 +86,8 @@ mm_result mm_set_compute_limit(mm_session *session, double seconds)
 {
     BEGIN_SESSION(session);
     if (!(seconds >= 0 && seconds <= 1e9)) {
-        return mmi_invalid(session->context, "a limit of computing must be 0 to 1e9 s%s", "");
+        return mmi_invalid(session->context, "give seconds; 0 is no limit",
+                           "a limit of computing must be 0 to 1e9 s%s", "");
     }
     session->compute_limit_ms = (int64_t)ceil(1000 * seconds);
     return MM_OK;
@@ -147,7 +150,7 @@ static outcome check_vectors(mm_session *session, size_t vectors, size_t moving,
                         moving, nodes);
     }
     if (!vectors || vectors > MMI_MOST_COLUMNS / (size_t)session->dimension || !given || !to) {
-        return mmi_fail(context, "INVALID_ARGUMENT", "",
+        return mmi_fail(context, "INVALID_ARGUMENT", "give both arrays, and more vectors in further calls",
                         "vectors and answer must be there, and 1 to %zu of them, got %zu",
                         MMI_MOST_COLUMNS / (size_t)session->dimension, vectors);
     }
@@ -226,7 +229,8 @@ mm_result mm_set_final_step(mm_session *session, int64_t step)
     if (step < 0) {
         char got[24];
         snprintf(got, sizeof got, "%lld", (long long)step);
-        return mmi_invalid(session->context, "the final step must be 0 (unknown) or more, got %s", got);
+        return mmi_invalid(session->context, "give the number of the last step, or 0",
+                           "the final step must be 0 (unknown) or more, got %s", got);
     }
     session->final_step = step;
     return MM_OK;

@@ -11,10 +11,12 @@ mm_result mm_set_time_levels(mm_session *session, double start, const char *sche
 {
     BEGIN_UNOPENED(session);
     if (!isfinite(start)) {
-        return mmi_invalid(session->context, "the time of the mesh as uploaded must be finite%s", "");
+        return mmi_invalid(session->context, "give the time of the first mesh, usually 0",
+                           "the time of the mesh as uploaded must be finite%s", "");
     }
     if (!scheme || strlen(scheme) >= sizeof session->time_levels) {
-        return mmi_invalid(session->context, "there are no such time levels: '%s'", scheme ? scheme : "");
+        return mmi_invalid(session->context, "give bdf2 or bossak, or \"\" for none",
+                           "there are no such time levels: '%s'", scheme ? scheme : "");
     }
     session->start = start;
     snprintf(session->time_levels, sizeof session->time_levels, "%s", scheme);
@@ -25,7 +27,8 @@ mm_result mm_set_time(mm_session *session, double time)
 {
     BEGIN_SESSION(session);
     if (!isfinite(time)) {
-        return mmi_invalid(session->context, "the time of a step must be finite%s", "");
+        return mmi_invalid(session->context, "give the solver's time at the end of the step",
+                           "the time of a step must be finite%s", "");
     }
     session->time = time;
     session->has_time = 1;
@@ -36,7 +39,8 @@ mm_result mm_set_velocity(mm_session *session, const char *scheme)
 {
     BEGIN_SESSION(session);
     if (!scheme || strlen(scheme) >= sizeof session->scheme) {
-        return mmi_invalid(session->context, "there is no such scheme of velocities: '%s'", scheme ? scheme : "");
+        return mmi_invalid(session->context, "give tangent, bdf1, bdf2 or bossak, or \"\" for none",
+                           "there is no such scheme of velocities: '%s'", scheme ? scheme : "");
     }
     snprintf(session->scheme, sizeof session->scheme, "%s", scheme);
     return MM_OK;
@@ -88,7 +92,8 @@ mm_result mm_set_swept_faces(mm_session *session, size_t faces, size_t corners, 
     if (!corners || corners > MMI_MOST_COLUMNS || faces > SIZE_MAX / sizeof *nodes / corners - 1) {
         char got[64];
         snprintf(got, sizeof got, "%zu faces of %zu nodes", faces, corners);
-        return mmi_invalid(session->context, "there must be some nodes in each swept face, got %s", got);
+        return mmi_invalid(session->context, "give two nodes a face in a plane, three or four in space",
+                           "there must be some nodes in each swept face, got %s", got);
     }
     if (keep(session, (void **)&session->swept_faces, nodes, faces * corners, sizeof *nodes) == DONE) {
         session->face_count = faces;
@@ -101,7 +106,8 @@ mm_result mm_set_headroom_along(mm_session *session, const char *way)
 {
     BEGIN_SESSION(session);
     if (!way || strlen(way) >= sizeof session->headroom_along) {
-        return mmi_invalid(session->context, "there is no such way of a headroom: '%s'", way ? way : "");
+        return mmi_invalid(session->context, "give step, displacement or velocity",
+                           "there is no such way of a headroom: '%s'", way ? way : "");
     }
     snprintf(session->headroom_along, sizeof session->headroom_along, "%s", way);
     return MM_OK;

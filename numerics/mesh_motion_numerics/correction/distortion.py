@@ -209,15 +209,16 @@ def mean_distortion(points: Floats, simplices: CornerSimplices, norm: PNorm) -> 
 
 def corner_distortions(points: Floats, simplices: CornerSimplices, norm: PNorm) -> Floats:
     """ℓ (c,) of every corner at the points (n, d); ``inf`` where the barrier is violated."""
-    measure, offset = np.empty(len(simplices)), np.empty(0) if simplices.offset is None else simplices.offset
-    kernels.distortions(*_arrays(points, simplices), simplices.angles, offset, *norm.law, measure)
+    measure, offset = np.empty(len(simplices.nodes)), np.empty(0) if simplices.offset is None else simplices.offset
+    arrays = np.ascontiguousarray(points), simplices.nodes, simplices.ideal, simplices.angles
+    kernels.distortions(*arrays, offset, *norm.law, measure)
     return measure
 
 
 def distortion_gradient(points: Floats, simplices: CornerSimplices, weights: Floats, norm: PNorm) -> Floats:
     """Gradient of E by corner: (c, d + 1, d), the corner's share of dE/dx of each of its nodes."""
     gradient = np.empty((*simplices.nodes.shape, simplices.dimension))
-    arrays = *_arrays(points, simplices), simplices.angles
+    arrays = np.ascontiguousarray(points), simplices.nodes, simplices.ideal, simplices.angles
     kernels.distortion_gradients(*arrays, weights, *norm.law, gradient)
     return gradient
 
@@ -239,16 +240,12 @@ def corner_blocks(
     the edge j, which ends at node j + 1, with b of the edge k; the entries of node 0 are minus the sums. Single
     precision is enough for a model of the curvature and halves the memory.
     """
-    least = floor / len(weights), least_weight
-    kernels.corner_blocks(*_arrays(points, simplices), weights, *least, norm.p, *norm.law, blocks)
+    arrays = np.ascontiguousarray(points), simplices.nodes, simplices.ideal
+    kernels.corner_blocks(*arrays, weights, floor / len(weights), least_weight, norm.p, *norm.law, blocks)
 
 
 def determinants(points: Floats, simplices: CornerSimplices) -> Floats:
     """τ (c,) of every corner at the points (n, d)."""
     out = np.empty(len(simplices))
-    kernels.determinants(*_arrays(points, simplices), out)
+    kernels.determinants(np.ascontiguousarray(points), simplices.nodes, simplices.ideal, out)
     return out
-
-
-def _arrays(points: Floats, simplices: CornerSimplices) -> tuple[Floats, NDArray[np.int32], Floats]:
-    return np.ascontiguousarray(points), simplices.nodes, simplices.ideal

@@ -24,12 +24,12 @@ from mesh_motion_numerics.correction.distortion import corner_distortions, disto
 from mesh_motion_numerics.correction.smooth_motion import FAR, RAMP, RINGS, SmoothMotion
 from mesh_motion_numerics.correction.smooth_region import PENALTY, SmoothRegion
 
-__all__ = ["SmoothSlope", "not_at_minimum"]
+__all__ = ["SAME", "SmoothSlope", "not_at_minimum"]
 
 #: Largest Newton step, as a share of the mesh's extent, at which a mesh is accepted as the minimum.
 _AT_MINIMUM = 1e-6
-#: Two positions of a node that is not free are the same if they differ by less, as a share of the extent.
-_SAME = 1e-9
+#: Two positions of a node are the same if they differ by less, as a share of the extent.
+SAME = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +60,7 @@ class SmoothSlope:
             in another way.
         """
         region, extent = motion.region(plain), np.ptp(motion.reference, axis=0).max()
-        made, left = cls(motion, plain, points, region), np.abs(plain - points).max(axis=1) > _SAME * extent
+        made, left = cls(motion, plain, points, region), np.abs(plain - points).max(axis=1) > SAME * extent
         if region is not None:
             left[region.free.free] = False
         # nodes without a cell follow others: the opposite side of a mesh of one layer

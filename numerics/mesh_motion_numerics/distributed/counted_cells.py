@@ -12,11 +12,7 @@ from numpy.typing import NDArray
 from mesh_motion_numerics.distributed.order_statistics import BINS, FEW, WHOLE, BinContent, Way, content
 from mesh_motion_numerics.distributed.summaries import WORST, PartialSummary, Questions
 from mesh_motion_numerics.mesh.cells import CellTable
-from mesh_motion_numerics.quality.metrics import (
-    CellsAtRest,
-    as_positions,
-    judged,
-)
+from mesh_motion_numerics.quality.metrics import CellsAtRest, judged
 from mesh_motion_numerics.quality.quality_summary import reported_metrics, worst_cells
 
 __all__ = ["CountedCells"]
@@ -47,16 +43,15 @@ class CountedCells:
 
     def judge(self, points: Floats) -> PartialSummary:
         """Judge the cells with nodes at points (n, d), which must not change until the next call."""
-        self._points = as_positions(points, self._cells.dimension)
-        extents, counts, worst, inverted = kernels.counted_cells(
-            self._points, *self._arguments(self.metric), WORST, BINS, self._places
-        )
+        self._points = points
+        arrays = self._arguments(self.metric)
+        extents, counts, worst, inverted = kernels.counted_cells(*arrays, WORST, BINS, self._places)
         by_name = dict(zip(self._names, extents.tolist(), strict=True))
         self._known = {
             (name, WHOLE): self._whole(name, own, least, most)
             for own, (name, (_, least, most)) in zip(counts, by_name.items(), strict=True)
         }
-        values = kernels.values_of_cells(self._points, *self._arguments(self.metric), worst)
+        values = kernels.values_of_cells(*arrays, worst)
         return PartialSummary(
             cells=len(self._cells),
             inverted=inverted,
@@ -102,9 +97,7 @@ class CountedCells:
 
     def _values(self, name: str, places: NDArray[Any]) -> Floats:
         """Return the values of a metric at given places."""
-        found: Floats = kernels.values_at(
-            self._points, *self._arguments(name), self._places_of(name), places.astype(np.uint32)
-        )
+        found: Floats = kernels.values_at(*self._arguments(name), self._places_of(name), places.astype(np.uint32))
         return found
 
     def _places_of(self, name: str) -> NDArray[np.uint32]:
@@ -113,5 +106,5 @@ class CountedCells:
         return places
 
     def _arguments(self, name: str) -> tuple[Any, ...]:
-        """Of the compiled loops, behind the points."""
-        return judged(self._cells, self._at_rest, name)
+        """Of the compiled loops."""
+        return judged(self._points, self._cells, self._at_rest, name)

@@ -9,7 +9,6 @@ The layout depends only on the control points and the radius, not on the points 
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -108,18 +107,3 @@ class CentreLayout:
         reached = np.zeros(int(np.prod(self.shape + 2)), dtype=np.bool_)
         kernels.mark_neighbours(self.starts, self.shape, reached)
         return reached
-
-    def sum(
-        self,
-        kernel: Callable[..., None],
-        basis: Basis,
-        support_radius: float,
-        points: Floats,
-        weights: Floats,
-        out: Floats,
-    ) -> Floats:
-        """``sum_values`` or ``sum_gradients`` at (n, d) points with weights (nc, k) in the layout's order, into
-        ``out``, returned."""
-        rows = np.ascontiguousarray(weights.T)
-        kernel(basis.code, padded(points), self.coordinates, rows, 1.0 / support_radius, *self.grid, out)
-        return out

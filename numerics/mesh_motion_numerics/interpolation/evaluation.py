@@ -6,6 +6,7 @@ depends on the interpolant and that point alone: bitwise the same for any number
 points into calls.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import mesh_motion_kernels as kernels
@@ -17,6 +18,7 @@ from mesh_motion_numerics.interpolation.interpolant import Interpolant
 from mesh_motion_numerics.interpolation.kernels import require_gradient
 from mesh_motion_numerics.interpolation.two_scale.interpolant import AnyInterpolant, TwoScaleInterpolant
 from mesh_motion_numerics.interpolation.two_scale.near_operator import NearOperator
+from mesh_motion_numerics.mesh.points import padded
 
 __all__ = ["NearOperators", "displacement", "gradient", "prepare"]
 
@@ -71,22 +73,19 @@ def displacement(
     InvalidInput
         If the points' dimension is not the interpolant's.
     """
-    out = np.empty((len(points), interpolant.components))
-    if isinstance(interpolant, TwoScaleInterpolant):
-        near = prepare(interpolant, points) if prepared is None else prepared
-        if isinstance(interpolant.coarse, Interpolant):
-            out[:] = displacement(interpolant.coarse, points)
-        else:
-            interpolant.coarse.values(points, out)
-        for level, operator in zip(interpolant.levels, near.operators, strict=True):
-            operator.add(level.weights, out)
+    if isinstance(interpolant, Interpolant):
+        out = _sum(kernels.sum_values, interpolant, points)
+        if interpolant.polynomial is not None:
+            out += interpolant.polynomial(points)
         return out
-    _check_dimension(interpolant, points)
-    layout = interpolant.layout
-    weights, radius = interpolant.weights[layout.order], interpolant.support_radius
-    layout.sum(kernels.sum_values, interpolant.basis, radius, points, weights, out)
-    if interpolant.polynomial is not None:
-        out += interpolant.polynomial(points)
+    near = prepare(interpolant, points) if prepared is None else prepared
+    out = np.empty((len(points), interpolant.components))
+    if isinstance(interpolant.coarse, Interpolant):
+        out[:] = displacement(interpolant.coarse, points)
+    else:
+        interpolant.coarse.values(points, out)
+    for level, operator in zip(interpolant.levels, near.operators, strict=True):
+        operator.add(level.weights, out)
     return out
 
 
@@ -99,23 +98,30 @@ def gradient(interpolant: AnyInterpolant, points: Floats) -> Floats:
         If the basis has no gradient at its centres, or the points' dimension is not the interpolant's.
     """
     require_gradient(interpolant.basis)
-    out = np.empty((len(points), interpolant.components, interpolant.dimension))
-    if isinstance(interpolant, TwoScaleInterpolant):
-        _check_dimension(interpolant, points)
-        if isinstance(interpolant.coarse, Interpolant):
-            out[:] = gradient(interpolant.coarse, points)
-        else:
-            interpolant.coarse.gradients(points, out)
-        for level in interpolant.levels:
-            near = level.layout.within_reach(points)
-            out[near] += gradient(level, points[near])
+    if isinstance(interpolant, Interpolant):
+        out = _sum(kernels.sum_gradients, interpolant, points, interpolant.dimension)
+        if interpolant.polynomial is not None:
+            out += interpolant.polynomial.gradient
         return out
     _check_dimension(interpolant, points)
-    layout = interpolant.layout
-    weights, radius = interpolant.weights[layout.order], interpolant.support_radius
-    layout.sum(kernels.sum_gradients, interpolant.basis, radius, points, weights, out)
-    if interpolant.polynomial is not None:
-        out += interpolant.polynomial.gradient
+    out = np.empty((len(points), interpolant.components, interpolant.dimension))
+    if isinstance(interpolant.coarse, Interpolant):
+        out[:] = gradient(interpolant.coarse, points)
+    else:
+        interpolant.coarse.gradients(points, out)
+    for level in interpolant.levels:
+        near = level.layout.within_reach(points)
+        out[near] += gradient(level, points[near])
+    return out
+
+
+def _sum(kernel: Callable[..., None], interpolant: Interpolant, points: Floats, *each: int) -> Floats:
+    """The sums over all centres at (n, d) points by ``sum_values`` (n, k), or by ``sum_gradients`` (n, k, *each)."""
+    _check_dimension(interpolant, points)
+    layout, weights = interpolant.layout, interpolant.weights
+    out = np.empty((len(points), weights.shape[1], *each))
+    rows, scale = np.ascontiguousarray(weights[layout.order].T), 1.0 / interpolant.support_radius
+    kernel(interpolant.basis.code, padded(points), layout.coordinates, rows, scale, *layout.grid, out)
     return out
 
 

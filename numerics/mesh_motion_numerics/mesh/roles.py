@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 from mesh_motion_protocol.errors import InvalidInput
 
-from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_numerics.arrays import Integers
 
 __all__ = ["ROLES", "SLIDING_ROLES", "BoundaryRoles", "Patch", "nodes_with"]
 
@@ -86,15 +86,9 @@ class BoundaryRoles:
         return np.union1d(self.moving, self.fixed)
 
     @cached_property
-    def _among_prescribed(self) -> Integers:
-        """(k,) places of the moving nodes among the prescribed ones."""
+    def moving_rows(self) -> Integers:
+        """(k,) rows of the moving nodes among the prescribed ones."""
         return np.searchsorted(self.prescribed, self.moving)
-
-    def prescribed_positions(self, targets: Floats, reference: Floats) -> Floats:
-        """(k + f, d) positions of the prescribed nodes: moving ones at targets (k, d), others as in (n, d)."""
-        positions = reference.take(self.prescribed, axis=0)
-        positions[self._among_prescribed] = targets
-        return positions
 
     @cached_property
     def all(self) -> Integers:

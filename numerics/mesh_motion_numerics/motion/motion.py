@@ -214,7 +214,7 @@ class MotionModel(DifferentiableMesh):
     def _finish(self, step: _Step, predicted: _Predicted, watch: Stopwatch) -> Motion:
         """Correct an interpolated mesh, judge it again and accept it."""
         correction = self._correct(step, predicted, watch)
-        return self._accept(predicted, correction, self._judge(predicted, correction, watch), watch)
+        return self._accept(predicted, correction, watch)
 
     def _smooth_or_optimised(self, step: _Step, smooth: SmoothMotion) -> Motion:
         """The smooth motion; if it finds no mesh, the motion with the correction that reaches most, with a warning.
@@ -261,10 +261,9 @@ class MotionModel(DifferentiableMesh):
                 carried, smooth = partial(self.winding.carried, turns), smooth.later(self.winding.sheared(turns))
             followed = smooth_step(smooth, step.committed, before, plain, ways, carried)
         found, correction = followed.found, followed.correction()
-        quality = self._judge(predicted, correction, watch)
-        if not found.converged and quality.metric.min < self.method.quality_threshold:
+        motion = self._accept(predicted, correction, watch)
+        if not (found.converged or motion.reached):
             raise QualityRefused(unconverged(found))
-        motion = self._accept(predicted, correction, quality, watch)
         return replace(motion, sub_steps=followed.legs, warnings=[*motion.warnings, *correction.warnings])
 
     # --- its parts ---------------------------------------------------------------------------------------------------
@@ -340,16 +339,12 @@ class MotionModel(DifferentiableMesh):
         with watch.phase("correct"):
             return correct(problem, self.method)
 
-    def _judge(self, predicted: _Predicted, correction: Correction, watch: Stopwatch) -> Judgement:
-        """Quality of the corrected mesh; that of the interpolated one if nothing was corrected."""
-        if correction.points is predicted.trial.points:
-            return predicted.quality
-        with watch.phase("predict"):
-            return self.summary(correction.points, correction.quality)
-
-    def _accept(self, predicted: _Predicted, correction: Correction, quality: Judgement, watch: Stopwatch) -> Motion:
-        """The motion, if its mesh is acceptable."""
-        standard, method = predicted.trial, self.method
+    def _accept(self, predicted: _Predicted, correction: Correction, watch: Stopwatch) -> Motion:
+        """The motion, if its mesh is acceptable; a corrected mesh is judged again."""
+        standard, method, quality = predicted.trial, self.method, predicted.quality
+        if correction.points is not standard.points:
+            with watch.phase("predict"):
+                quality = self.summary(correction.points, correction.quality)
         reached = quality.metric.min >= method.quality_threshold
         warnings = refuse_unacceptable(method, quality, reached)
         if correction.points is standard.points and method.correction in ("none", "smooth"):

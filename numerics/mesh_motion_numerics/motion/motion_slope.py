@@ -18,7 +18,7 @@ from mesh_motion_protocol.errors import InvalidInput, QualityRefused
 
 from mesh_motion_numerics.arrays import Floats, Integers
 from mesh_motion_numerics.correction.smooth_motion import SmoothMotion
-from mesh_motion_numerics.correction.smooth_slope import SmoothSlope, not_at_minimum
+from mesh_motion_numerics.correction.smooth_slope import SAME, SmoothSlope, not_at_minimum
 from mesh_motion_numerics.interpolation.factor_source import FactorSource
 from mesh_motion_numerics.interpolation.interpolation_map import InterpolationMap, interpolation_map
 from mesh_motion_numerics.mesh.points import bounding_box
@@ -32,10 +32,6 @@ from mesh_motion_numerics.motion.winding_slope import WindingSlope
 from mesh_motion_numerics.stopwatch import Stopwatch
 
 __all__ = ["DifferentiableMesh", "MotionSlope", "PlainSlope", "motion_slope", "plain_slope", "why_no_slope"]
-
-
-#: Share of the extent: nodes this close are at the same place.
-_SAME = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,7 +113,7 @@ class DifferentiableMesh(PreparedMesh):
         candidates += [replace(one, sliding=one.sliding.held()) for one in candidates if one.sliding is not None]
         for motion in candidates:  # the mesh shows whether layers were carried and nodes slid
             plain = plain_of(motion)
-            if np.abs(plain - points).max() <= _SAME * np.ptp(bounding_box(self.points), axis=0).max():
+            if np.abs(plain - points).max() <= SAME * np.ptp(bounding_box(self.points), axis=0).max():
                 return motion_slope(motion, None, plain, points, factors)
         raise not_at_minimum()
 

@@ -25,9 +25,8 @@ from mesh_motion_numerics.motion.standard_motion import StandardMotion
 from mesh_motion_numerics.motion.winding import Winding, winding_body
 from mesh_motion_numerics.quality.headroom import Headroom, headroom
 from mesh_motion_numerics.quality.mesh_check import checked_mesh
-from mesh_motion_numerics.quality.mesh_summary import lowest_of, lowest_quality, mesh_summary, summarize
 from mesh_motion_numerics.quality.metrics import AtRest, CellQuality, cells_at_rest
-from mesh_motion_numerics.quality.quality_summary import Judgement
+from mesh_motion_numerics.quality.quality_summary import Judgement, lowest_of, lowest_quality, mesh_summary, summarize
 
 __all__ = ["PreparedMesh", "with_radii"]
 

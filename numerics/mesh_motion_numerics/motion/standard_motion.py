@@ -44,8 +44,8 @@ from mesh_motion_numerics.interpolation.factor_source import (
 from mesh_motion_numerics.interpolation.interpolant import Factorization
 from mesh_motion_numerics.interpolation.kernels import basis_named
 from mesh_motion_numerics.interpolation.periodic_interpolant import periodic_factorization_of
+from mesh_motion_numerics.interpolation.two_scale.factorization import TwoScalePlan, plan_for, plans_for
 from mesh_motion_numerics.interpolation.two_scale.interpolant import AnyInterpolant
-from mesh_motion_numerics.interpolation.two_scale.plans import TwoScalePlans, plan_for
 from mesh_motion_numerics.mesh.boundary_facets import boundary_facets
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.mesh.paths import RigidMotion, fit_rigid_motion, substeps
@@ -140,8 +140,8 @@ class StandardMotion:
         Nodes that move together; None without periodic patches.
     spacing : float, mesh length unit
         Spacing of the moving nodes in the reference mesh; 0 if no reduction needs it.
-    plans : TwoScalePlans
-        The control nodes that are interpolated in two scales.
+    plans : dict of TwoScalePlan
+        The sets of control nodes that are interpolated in two scales, by their bytes.
     layer : BoundaryLayer or None
         Nodes that the moving walls carry with them.
     """
@@ -152,7 +152,7 @@ class StandardMotion:
     sliding: SlidingSurfaces | None
     periodic: PeriodicNodes | None
     spacing: float
-    plans: TwoScalePlans
+    plans: Mapping[bytes, TwoScalePlan]
     layer: BoundaryLayer | None = None
 
     @classmethod
@@ -174,21 +174,16 @@ class StandardMotion:
             mirrors = [name for name in surfaces if patches[name].role == "symmetry"]
             sliding = SlidingSurfaces.build(points, facets, surfaces, roles.sliding, images=images, mirrors=mirrors)
         spacing = 0.0 if method.reduction == "none" else boundary_spacing(points[roles.moving])
-        return cls(points, roles, method, sliding, periodic, spacing, TwoScalePlans(())).with_layer(None)
+        return cls(points, roles, method, sliding, periodic, spacing, {}).with_layer(None)
 
     def with_layer(self, layer: BoundaryLayer | None) -> StandardMotion:
         """The same motion with another boundary layer, or none, and so with other control points."""
-        other = replace(self, layer=layer)
-        offered = self.periodic is None
-        plans = TwoScalePlans.build(
-            self.reference,
-            self.roles,
-            self.method,
-            offered=offered,
-            followed=[followed for followed, wall in self.walls() if wall.freedom().any()],
-            controls=other._controls,
-        )
-        return replace(other, plans=plans)
+        other = replace(self, layer=layer, plans={})
+        if self.periodic is not None:
+            return other
+        followed = [followed for followed, wall in self.walls() if wall.freedom().any()]
+        sets = [other._controls(nodes) for nodes in (self.roles.all, *followed)]
+        return replace(other, plans=plans_for(self.reference, sets, self.roles, self.method))
 
     def walls(self) -> Iterator[tuple[Integers, SlidingSurfaces]]:
         """The sliding nodes in the order in which they are placed, and for each part the nodes (k,) that it follows.
@@ -242,14 +237,15 @@ class StandardMotion:
         """One interpolation from the mesh ``points`` (n, d): the new positions and the solved stage."""
         roles = self.roles
         if self.layer is None and self.periodic is None and self.sliding is None:
-            positions = roles.prescribed_positions(
-                targets, self.reference
-            )  # an array of all nodes takes as long as one pass
+            # without an array of all nodes, which takes as long as one pass over the mesh
+            positions = self.reference.take(roles.prescribed, axis=0)
+            positions[roles.moving_rows] = targets
             solved = self._solve(points, roles.prescribed, positions, factors, watch)
             with watch.phase("displace"):
                 return self._displaced(points, roles.prescribed, positions, solved.stage, factors), solved
         prescribed = points.copy()
-        prescribed[roles.prescribed] = roles.prescribed_positions(targets, self.reference)
+        prescribed[roles.fixed] = self.reference[roles.fixed]
+        prescribed[roles.moving] = targets
         if self.layer is not None:
             with watch.phase("displace"):
                 prescribed[self.layer.nodes] = self.layer.carried(prescribed)
@@ -349,7 +345,7 @@ class StandardMotion:
             return periodic_factorization_of(
                 origin, self.periodic.generators, bounding_box(points), self.method, factors
             )
-        plan = self.plans.of(controls)
+        plan = self.plans.get(controls.tobytes())
         try:
             if plan is None:
                 return factorization_of(origin, self.method, factors)

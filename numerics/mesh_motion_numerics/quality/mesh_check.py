@@ -29,9 +29,9 @@ from mesh_motion_numerics.mesh.patch_check import (
 )
 from mesh_motion_numerics.mesh.points import bounding_box
 from mesh_motion_numerics.mesh.roles import Patch
-from mesh_motion_numerics.quality.mesh_summary import lowest_quality
 from mesh_motion_numerics.quality.metrics import cell_quality, reference_sizes
 from mesh_motion_numerics.quality.orientation import OrientedCells, oriented
+from mesh_motion_numerics.quality.quality_summary import lowest_quality
 
 __all__ = ["CheckedMesh", "checked_cells", "checked_mesh", "nodes_in_no_cell", "suggest_support_radius"]
 

@@ -217,27 +217,23 @@ def empty_quality(count: int) -> CellQuality:
 
 
 def judged(
-    cells: CellTable, rest: AtRest, metric: str
-) -> tuple[tuple[Shorts, ...], Floats, tuple[Floats, Floats], int]:
-    """Arguments of loops over all cells: the nodes of each block, the reference sizes, the skews and points at rest
-    (empty unless the metric needs them), and the metric's number.
+    points: NDArray[np.floating], cells: CellTable, rest: AtRest, metric: str
+) -> tuple[Floats, tuple[Shorts, ...], Floats, tuple[Floats, Floats], int]:
+    """Arguments of loops over all cells: the points (n, d), the nodes of each block, the reference sizes, the skews and
+    points at rest (empty unless the metric needs them), and the metric's number.
 
     Raises
     ------
     InvalidInput
-        On an unknown metric, or one that needs the cells at rest if they are not known.
+        On points of another dimension, an unknown metric, or one that needs the cells at rest if they are not known.
     """
-    code, skews, points = metric_code(metric), *_NOTHING
+    code, at_rest = metric_code(metric), _NOTHING
     if metric == _RELATIVE:
         if not isinstance(rest, CellsAtRest):
             raise _unknown_rest()
-        skews, points = np.ascontiguousarray(rest.skews), np.ascontiguousarray(rest.points)
-    return (
-        cells.nodes,
-        np.ascontiguousarray(sizes_of(rest)),
-        (skews, points),
-        code,
-    )
+        at_rest = np.ascontiguousarray(rest.skews), np.ascontiguousarray(rest.points)
+    sizes = np.ascontiguousarray(sizes_of(rest))
+    return as_positions(points, cells.dimension), cells.nodes, sizes, at_rest, code
 
 
 def as_positions(points: NDArray[np.floating], dimension: int) -> Floats:

@@ -15,6 +15,13 @@ static int failures;
         }                                                                                                              \
     } while (0)
 
+/* clear an error, which must say what to do */
+#define CLEAR(server)                                                                                                  \
+    do {                                                                                                               \
+        EXPECT(mm_error(server) == MM_OK || strlen(mm_error_hint(server)) > 0);                                        \
+        mm_clear_error(server);                                                                                        \
+    } while (0)
+
 /* by as many pages as there are */
 static int is_listed(mm_context *server, const char *id)
 {
@@ -45,9 +52,9 @@ int main(int count, char **arguments)
     EXPECT(strlen(mm_error_hint(server)) > 0);
     EXPECT(mm_connect(server, arguments[count > 1]) == MM_UNAVAILABLE);
     EXPECT(mm_session_new(server) == NULL && mm_open(NULL) == MM_INVALID_ARGUMENT);
-    mm_clear_error(server);
+    CLEAR(server);
     EXPECT(mm_connect(server, "tcp://") == MM_INVALID_ARGUMENT);
-    mm_clear_error(server);
+    CLEAR(server);
     mm_set_timeouts(server, 60, 60);
     EXPECT(mm_connect(server, arguments[count > 1]) == MM_OK && mm_ping(server) == MM_OK);
     EXPECT(mm_report_integer(mm_welcome(server), "limits.max_header_bytes", 0) == 65536);
@@ -55,19 +62,19 @@ int main(int count, char **arguments)
     /* the error comes before anything is sent */
     mm_session *session = mm_session_new(server);
     EXPECT(mm_open(session) == MM_INVALID_ARGUMENT);
-    mm_clear_error(server);
+    CLEAR(server);
     EXPECT(mm_save_credentials(session, "none.json") == MM_FAILED_PRECONDITION);
-    mm_clear_error(server);
+    CLEAR(server);
     EXPECT(mm_move(session, MM_SINCE_COMMITTED, 2, rows, 4, answer) == MM_FAILED_PRECONDITION);
-    mm_clear_error(server);
+    CLEAR(server);
     mm_points(session, 2, 4, points);
     EXPECT(mm_cells(session, "cube", 2, triangles) == MM_INVALID_ARGUMENT
            && strstr(mm_error_message(server), "'cube'"));
-    mm_clear_error(server);
+    CLEAR(server);
     EXPECT(mm_patch(session, "left", "sliding", 2, left) == MM_INVALID_ARGUMENT);
-    mm_clear_error(server);
+    CLEAR(server);
     EXPECT(mm_set_number(session, "support_radius", INFINITY) == MM_INVALID_ARGUMENT);
-    mm_clear_error(server);
+    CLEAR(server);
     mm_cells(session, "triangle", 2, wrong);
     mm_patch(session, "left", "moving", 2, left);
     mm_patch(session, "right", "fixed", 2, right);
@@ -75,7 +82,7 @@ int main(int count, char **arguments)
     EXPECT(mm_open(session) == MM_INVALID_ARGUMENT && mm_error_is(server, "INVALID_ARGUMENT.SETTINGS"));
     EXPECT(mm_error_is(server, "INVALID_ARGUMENT") && !mm_error_is(server, "INVALID_ARGUMENT.SET"));
     EXPECT(mm_report_text(mm_error_details(server), "setting", NULL, 0) == strlen("no_such_setting"));
-    mm_clear_error(server);
+    CLEAR(server);
     mm_session_free(session);
 
     session = mm_session_new(server);
@@ -85,18 +92,18 @@ int main(int count, char **arguments)
     mm_patch(session, "right", "fixed", 2, right);
     EXPECT(mm_open(session) == MM_OK);
     EXPECT(mm_build(session) == MM_INVALID_ARGUMENT && strstr(mm_error_message(server), "got 4 in row 1"));
-    mm_clear_error(server);
+    CLEAR(server);
     wrong[5] = 3; /* borrowed, not copied: mended in place */
     EXPECT(mm_build(session) == MM_OK);
     EXPECT(mm_build(session) == MM_FAILED_PRECONDITION && mm_error_is(server, "FAILED_PRECONDITION.STATE"));
-    mm_clear_error(server); /* and the session is what it was */
+    CLEAR(server); /* and the session is what it was */
     EXPECT(mm_status(session) == MM_OK);
     EXPECT(mm_node_count(session) == 4 && mm_dimension(session) == 2 && strcmp(mm_state(session), "READY") == 0);
     EXPECT(mm_move(session, MM_SINCE_COMMITTED, 2, wild, 4, answer) == MM_INVALID_ARGUMENT);
     EXPECT(mm_error_is(server, "INVALID_ARGUMENT.NONFINITE") && strstr(mm_error_message(server), "row 1"));
-    mm_clear_error(server);
+    CLEAR(server);
     EXPECT(mm_move(session, MM_SINCE_COMMITTED, 3, rows, 4, answer) == MM_INVALID_ARGUMENT);
-    mm_clear_error(server);
+    CLEAR(server);
 
     /* a motion without an acceptable mesh: the left side beyond the right one */
     double across[] = {3, 0, 3, 0};
@@ -105,28 +112,28 @@ int main(int count, char **arguments)
     EXPECT(isfinite(mm_report_number(mm_error_details(server), "best")));
     EXPECT(mm_report_count(mm_error_details(server), "worst") > 0);
     EXPECT(mm_commit(session) == MM_FAILED_PRECONDITION); /* sticky: not sent */
-    mm_clear_error(server);
+    CLEAR(server);
     EXPECT(mm_set_report(session, "edges") == MM_OK);
     EXPECT(mm_move(session, MM_SINCE_COMMITTED, 2, rows, 4, answer) == MM_INVALID_ARGUMENT);
-    mm_clear_error(server);
+    CLEAR(server);
     EXPECT(mm_set_report(session, "everything there is") == MM_INVALID_ARGUMENT);
-    mm_clear_error(server);
+    CLEAR(server);
     EXPECT(mm_set_report(session, "faces") == MM_OK);
     EXPECT(mm_move(session, MM_SINCE_COMMITTED, 2, rows, 4, answer) == MM_OK);
     EXPECT(isfinite(mm_report_number(mm_moved(session), "faces.after.max_non_orthogonality")));
     EXPECT(mm_set_report(session, "") == MM_OK && mm_rollback(session) == MM_OK);
     EXPECT(mm_set_compute_limit(session, 60) == MM_OK);
     EXPECT(mm_set_compute_limit(session, -1) == MM_INVALID_ARGUMENT);
-    mm_clear_error(server);
+    CLEAR(server);
     EXPECT(mm_move(session, MM_SINCE_COMMITTED, 2, rows, 4, answer) == MM_OK && mm_iteration(session) == 1);
     EXPECT(mm_report_count(mm_moved(session), "faces") == 0);
     EXPECT(mm_set_time(session, 0.5) == MM_OK && mm_move(session, MM_SINCE_COMMITTED, 2, rows, 4, answer) == MM_OK);
     EXPECT(mm_set_time(session, 0.7) == MM_OK && mm_commit(session) == MM_INVALID_ARGUMENT); /* at another time */
     EXPECT(strstr(mm_error_message(server), "0.7") && strstr(mm_error_message(server), "0.5"));
-    mm_clear_error(server);
+    CLEAR(server);
     EXPECT(mm_set_time(session, 0.5) == MM_OK && mm_commit(session) == MM_OK && mm_step(session) == 1);
     EXPECT(mm_set_time_levels(session, 0, "bdf2") == MM_FAILED_PRECONDITION); /* OPEN has sent them */
-    mm_clear_error(server);
+    CLEAR(server);
     EXPECT(mm_set_time(session, 0.9) == MM_OK);
 
     /* derivatives of two vectors: the left side has the velocities, the right one rests */
@@ -137,34 +144,34 @@ int main(int count, char **arguments)
     EXPECT(mm_cotangent(session, 2, 4, all, 2, back) == MM_OK && memcmp(back, two, sizeof two) == 0);
     EXPECT(mm_tangent(session, 1, 4, two, 4, all) == MM_INVALID_ARGUMENT);
     EXPECT(mm_error_is(server, "INVALID_ARGUMENT.SHAPE"));
-    mm_clear_error(server);
+    CLEAR(server);
     EXPECT(mm_tangent(session, 2, 2, two, INT64_MAX, all) == MM_INVALID_ARGUMENT); /* a Fortran array of another shape */
     EXPECT(strstr(mm_error_message(server), "the first dimension of each array must be 2") != NULL);
-    mm_clear_error(server);
+    CLEAR(server);
     EXPECT(mm_cotangent(session, 0, 4, all, 2, back) == MM_INVALID_ARGUMENT);
-    mm_clear_error(server);
+    CLEAR(server);
     two[3] = NAN;
     EXPECT(mm_tangent(session, 2, 2, two, 4, all) == MM_INVALID_ARGUMENT);
     EXPECT(mm_error_is(server, "INVALID_ARGUMENT.NONFINITE"));
-    mm_clear_error(server);
+    CLEAR(server);
     EXPECT(mm_set_boundary_velocity(session, 2, two) == MM_INVALID_ARGUMENT && strstr(mm_error_message(server), "row 1"));
-    mm_clear_error(server);
+    CLEAR(server);
     EXPECT(mm_set_boundary_velocity(session, 3, two) == MM_INVALID_ARGUMENT && strstr(mm_error_message(server), "got 3"));
-    mm_clear_error(server);
+    CLEAR(server);
     EXPECT(mm_set_velocity(session, "tangent") == MM_OK); /* without velocities */
     EXPECT(mm_move(session, MM_SINCE_COMMITTED, 2, rows, 4, answer) == MM_INVALID_ARGUMENT);
-    mm_clear_error(server);
+    CLEAR(server);
     EXPECT(mm_set_velocity(session, "") == MM_OK && mm_set_report(session, "swept") == MM_OK);
     EXPECT(mm_set_swept_faces(session, 1, 0, left) == MM_INVALID_ARGUMENT);
-    mm_clear_error(server);
+    CLEAR(server);
     int64_t beyond[] = {2, 4};
     EXPECT(mm_set_swept_faces(session, 1, 2, beyond) == MM_OK);
     EXPECT(mm_move(session, MM_SINCE_COMMITTED, 2, rows, 4, answer) == MM_INVALID_ARGUMENT);
     EXPECT(strstr(mm_error_message(server), "column 1 is 4") != NULL);
-    mm_clear_error(server);
+    CLEAR(server);
     EXPECT(mm_set_swept_faces(session, 0, 0, NULL) == MM_OK && mm_set_report(session, "headroom") == MM_OK);
     EXPECT(mm_set_headroom_along(session, "everywhere at once") == MM_INVALID_ARGUMENT);
-    mm_clear_error(server);
+    CLEAR(server);
     EXPECT(mm_set_headroom_along(session, "displacement") == MM_OK);
     EXPECT(mm_move(session, MM_SINCE_COMMITTED, 2, rows, 4, answer) == MM_OK);
     EXPECT(isfinite(mm_report_number(mm_moved(session), "headroom.inversion")));
@@ -179,7 +186,7 @@ int main(int count, char **arguments)
     mm_set_credentials(holder, mm_id(session), mm_token(session));
     EXPECT(mm_resume(holder) == MM_OK && mm_step(holder) == 1);
     EXPECT(mm_commit(session) == MM_ABORTED && mm_error_is(server, "ABORTED.FENCED"));
-    mm_clear_error(server);
+    CLEAR(server);
     EXPECT(mm_close(session, MM_KEEP) == MM_OK && mm_close(session, MM_KEEP) == MM_OK);
     EXPECT(mm_fetch(holder, MM_SINCE_REFERENCE, 4, answer) == MM_OK && memcmp(answer, points, sizeof points) == 0);
     EXPECT(mm_close(holder, MM_DISCARD) == MM_OK);
@@ -188,7 +195,7 @@ int main(int count, char **arguments)
     /* what a commit waits for; a relaxed one is durable a little later */
     session = mm_session_new(server);
     EXPECT(session == NULL && mm_error_is(server, "NOT_FOUND"));
-    mm_clear_error(server);
+    CLEAR(server);
     session = mm_session_new(server);
     mm_points(session, 2, 4, points);
     mm_cells(session, "triangle", 2, triangles);
@@ -196,10 +203,10 @@ int main(int count, char **arguments)
     mm_patch(session, "right", "fixed", 2, right);
     mm_set_durability(session, "sometimes");
     EXPECT(mm_open(session) == MM_INVALID_ARGUMENT);
-    mm_clear_error(server);
+    CLEAR(server);
     mm_set_durability(session, "relaxed");
     EXPECT(mm_open(session) == MM_OK && mm_set_label(session, "late") == MM_FAILED_PRECONDITION);
-    mm_clear_error(server);
+    CLEAR(server);
     EXPECT(mm_build(session) == MM_OK && mm_move(session, MM_SINCE_COMMITTED, 2, rows, 4, answer) == MM_OK);
     EXPECT(mm_commit(session) == MM_OK && mm_step(session) == 1 && mm_durable_step(session) <= 1);
     for (int tries = 0; tries < 100000 && mm_durable_step(session) < 1; ++tries) {

@@ -121,12 +121,15 @@ def test_velocities_and_swept_volumes(compiler, endpoint, tools, name):
     np.testing.assert_allclose(found[14:], [0, -2, 2, -0.015, 0.065, 0.55, 0, 6], atol=1e-13)
 
 
-def test_arrays_of_another_shape_are_refused_f90(compiler, tools):
+def test_arrays_of_another_shape_are_refused_f90(compiler, endpoint, tools):
     tools["need"]("gfortran")
     module = tools["source"] / "fortran" / "mesh_motion.f90"
     options = os.environ | {"ASAN_OPTIONS": "detect_leaks=0"}
-    printed = tools["run"]([compiler.program(module, tools["here"] / "shapes.f90")], env=options)
-    assert printed.split() == ["INVALID_ARGUMENT"] * 4
+    printed = tools["run"]([compiler.program(module, tools["here"] / "shapes.f90"), endpoint], env=options)
+    *codes, message, hint, last = printed.splitlines()
+    assert [*codes, last] == ["INVALID_ARGUMENT"] * 5
+    assert "got 4 in row 1" in message
+    assert "from 0: add 1" in hint
 
 
 def test_two_partitions_give_what_one_gives(compiler, endpoint, tools, tmp_path):

@@ -10,7 +10,7 @@ from mesh_motion_numerics.correction.correction import CorrectionProblem
 from mesh_motion_numerics.correction.enrichment import functions
 from mesh_motion_numerics.correction.enrichment.explicit_iterations import ExplicitSettings, explicit_iterations
 from mesh_motion_numerics.interpolation import evaluation
-from mesh_motion_numerics.quality.mesh_summary import lowest_quality
+from mesh_motion_numerics.quality.quality_summary import lowest_quality
 
 from docs.studies.thesis._cell_corrections import CELL_CORRECTIONS
 from docs.studies.thesis._field_iterations import EnrichmentTerm, predicted_iterations

@@ -16,8 +16,8 @@ from mesh_motion_numerics.correction.enrichment.space import EnrichmentSpace
 from mesh_motion_numerics.interpolation import evaluation
 from mesh_motion_numerics.interpolation.interpolant import factorize
 from mesh_motion_numerics.mesh.cells import CellTable
-from mesh_motion_numerics.quality.mesh_summary import lowest_quality
 from mesh_motion_numerics.quality.metrics import cell_quality
+from mesh_motion_numerics.quality.quality_summary import lowest_quality
 
 
 @pytest.mark.parametrize(

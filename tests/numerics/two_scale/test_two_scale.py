@@ -9,8 +9,12 @@ from mesh_motion_numerics.interpolation import evaluation
 from mesh_motion_numerics.interpolation.interpolant import factorize
 from mesh_motion_numerics.interpolation.two_scale.coarse_points import coarse_points
 from mesh_motion_numerics.interpolation.two_scale.compact_levels import compact_levels
-from mesh_motion_numerics.interpolation.two_scale.factorization import TwoScaleFactorization, TwoScalePlan
-from mesh_motion_numerics.interpolation.two_scale.plans import AUTOMATIC_FROM, TwoScalePlans
+from mesh_motion_numerics.interpolation.two_scale.factorization import (
+    AUTOMATIC_FROM,
+    TwoScaleFactorization,
+    TwoScalePlan,
+    plans_for,
+)
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.mesh.roles import BoundaryRoles, Patch
 from mesh_motion_numerics.mesh.spacing import local_spacing
@@ -172,7 +176,7 @@ def test_a_session_moves_in_two_scales(displacement: str, monkeypatch: pytest.Mo
     targets = points[patches["left"].nodes] + np.array([0.1, 0.0])
     moved = {}
     for scales, most in (("one", AUTOMATIC_FROM), ("two", 0)):
-        monkeypatch.setattr("mesh_motion_numerics.interpolation.two_scale.plans.AUTOMATIC_FROM", most)
+        monkeypatch.setattr("mesh_motion_numerics.interpolation.two_scale.factorization.AUTOMATIC_FROM", most)
         model = MotionModel.build(points, cells, patches, Method(support_radius=2.0, displacement=displacement))
         motion = model.move(points, targets)
         moved[scales] = motion.points
@@ -192,7 +196,5 @@ def test_a_radius_that_does_not_join_the_coarse_points_is_left_to_one_scale() ->
         (Method(support_radius=2.5, reduction="greedy"), 0),
         (Method(basis="tps"), 0),
     ):
-        plans = TwoScalePlans.build(many, roles, method, offered=True)
-        assert len(plans.plans) == planned
-        assert (plans.of(roles.all) is None) == (planned == 0)
-        assert plans.of(roles.moving) is None
+        plans = plans_for(many, [roles.all], roles, method)
+        assert list(plans) == [roles.all.tobytes()] * planned

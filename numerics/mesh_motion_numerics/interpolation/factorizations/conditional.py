@@ -61,8 +61,11 @@ class NullSpaceCholesky:
 
     def _multiply(self, vectors: Floats) -> Floats:
         """(nc, k) product of the interpolation matrix."""
-        out = np.empty(vectors.shape)  # a basis without compact support: the layout has the order of the points
-        return self._layout.sum(kernels.sum_values, self._basis, self._radius, self._points, vectors, out)
+        layout, out = self._layout, np.empty(vectors.shape)
+        # a basis without compact support: the layout has the order of the points
+        rows, scale = np.ascontiguousarray(vectors.T), 1.0 / self._radius
+        kernels.sum_values(self._basis.code, self._points, layout.coordinates, rows, scale, *layout.grid, out)
+        return out
 
     def _two_sided_correction(self) -> Floats:
         """W with ``Qᵀ φ Q = φ − W Vᵀ − V Wᵀ``."""

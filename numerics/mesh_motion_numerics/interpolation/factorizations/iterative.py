@@ -95,8 +95,10 @@ class ConjugateGradients:
 
     def _apply(self, vectors: Floats) -> Floats:
         """(n, k) product with the matrix, rows in the layout's order."""
-        out = np.empty(vectors.shape)
-        return self._layout.sum(kernels.sum_values, self._basis, self._radius, self._points, vectors, out)
+        layout, out = self._layout, np.empty(vectors.shape)
+        rows, scale = np.ascontiguousarray(vectors.T), 1.0 / self._radius
+        kernels.sum_values(self._basis.code, self._points, layout.coordinates, rows, scale, *layout.grid, out)
+        return out
 
     def _conjugate_gradients(self, rhs: Floats, scale: Floats) -> Floats:
         """(n, k) solution for ``rhs`` to the tolerance times ``scale``, or as well as rounding allows."""
