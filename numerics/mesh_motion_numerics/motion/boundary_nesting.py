@@ -104,7 +104,8 @@ def left_place(
     own = moves[rows].all(axis=1)
     parts, _ = closed_parts(rows, prescribed, len(points))
     joined = np.bincount(parts, ~own) > 0
-    return contact_place(facets, rows[own & joined[parts]], prescribed, reference, points)
+    chosen = spread(rows[own & joined[parts]], _PROBES)
+    return contact_place(facets, chosen, prescribed, reference, points)
 
 
 def contact_place(
