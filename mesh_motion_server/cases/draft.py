@@ -66,16 +66,17 @@ def _roles(mesh: MeshFile, sides: tuple[str, ...], layer: OneLayer | None) -> di
 
 def _layer(mesh: MeshFile) -> tuple[tuple[str, ...], OneLayer | None]:
     """The layer of cells, and the one or two patches on its two sides."""
-    large = [name for name, nodes in mesh.patches.items() if mesh.dimension == 3 and 2 * len(nodes) >= len(mesh.points)]
+    large = [name for name, nodes in mesh.patches.items() if mesh.dimension == 3 and 4 * len(nodes) >= len(mesh.points)]
+    whole = tuple(name for name in large if len(np.unique(mesh.patches[name])) == len(mesh.points))[:1]
+    cells = oriented(mesh.points, mesh.cell_table).cells if large else mesh.cell_table
     for sides in [*combinations(large, 1), *combinations(large, 2)]:
-        if len(np.unique(np.concatenate([mesh.patches[name] for name in sides]))) == len(mesh.points):
-            patches = {
-                name: Patch("symmetry" if name in sides else "moving", nodes) for name, nodes in mesh.patches.items()
-            }
-            layer = OneLayer.find(mesh.points, oriented(mesh.points, mesh.cell_table).cells, patches)
-            if layer is not None or len(sides) == 1:
-                return sides, layer
-    return (), None
+        patches = {
+            name: Patch("symmetry" if name in sides else "moving", nodes) for name, nodes in mesh.patches.items()
+        }
+        layer = OneLayer.find(mesh.points, cells, patches)
+        if layer is not None:
+            return sides, layer
+    return whole, None
 
 
 def _guess(name: str, points: Floats, everywhere: Floats) -> tuple[str, str]:

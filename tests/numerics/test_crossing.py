@@ -119,6 +119,36 @@ def test_a_body_that_leaves_through_walls(
             model.move(model.points, targets)
 
 
+@pytest.mark.parametrize("role", ["fixed", "slip"])
+@pytest.mark.parametrize("planes", ["slip", "symmetry"])
+@pytest.mark.parametrize(
+    ("shift", "degrees", "leaves"),
+    [((0.35, 0.0), 0.0, False), ((0.2, -0.2), 70.0, False), ((0.45, 0.0), 0.0, True), ((0.9, 0.0), 0.0, True),
+     ((0.0, -40.0), 30.0, True)],
+)  # fmt: skip
+def test_a_body_between_planes_that_leaves_through_walls(
+    role: str, planes: str, shift: tuple[float, float], degrees: float, leaves: bool
+) -> None:
+    """Planes join its surface with that of the walls, so that all of the boundary is one part."""
+    flat, layers = box_mesh("quad", 5), 3
+    n, quads = len(flat.points), flat.cells.blocks[0].nodes
+    cells = {"hexahedron": np.concatenate([np.hstack([quads + k * n, quads + (k + 1) * n]) for k in range(layers - 1)])}
+    points = np.vstack([np.insert(flat.points, 2, 0.2 * k, axis=1) for k in range(layers)])
+    sides = {"body": ("moving", flat.body), "walls": (role, flat.outer)}
+    patches = {
+        name: Patch(kind, np.concatenate([nodes + k * n for k in range(layers)]))
+        for name, (kind, nodes) in sides.items()
+    }
+    for name, first in (("low", 0), ("high", (layers - 1) * n)):
+        patches[name] = Patch(planes, first + np.arange(n))
+    model = MotionModel.build(points, CellTable.from_arrays(cells), patches, Method())
+    body, angle = points[model.roles.moving], np.deg2rad(degrees)
+    turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+    targets = body.copy()
+    targets[:, :2] = (body[:, :2] - 0.5) @ turn + 0.5 + shift
+    assert bool(refused(model, targets)) == leaves
+
+
 @pytest.mark.parametrize("shift", [0.0, 0.35, 0.45, 0.9])
 @pytest.mark.parametrize("mirrored", [False, True])
 def test_the_kinds_of_faults_up_to_the_one_that_is_found_are_enough(shift: float, mirrored: bool) -> None:

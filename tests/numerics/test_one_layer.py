@@ -70,6 +70,24 @@ def test_both_sides_move_as_the_plane_does(kind: str, planes: dict[str, str]) ->
         assert cell.centre == pytest.approx(cells.centres(motion.points, np.array([cell.number]))[0])
 
 
+@pytest.mark.parametrize("planes", PLANES)
+def test_planes_may_leave_their_rims_to_the_sides(planes: dict[str, str]) -> None:
+    """Node sets of which each node is in one only: the body's and the walls' are not in those of the planes."""
+    points, cells, patches = layered("quad + triangle", planes)
+    taken = np.union1d(patches["body"].nodes, patches["outer"].nodes)
+    apart = {name: Patch(role, np.setdiff1d(patches[name].nodes, taken)) for name, role in planes.items()}
+    layer, whole = (OneLayer.find(points, cells, patches | given) for given in (apart, {}))
+    assert layer is not None
+    assert whole is not None
+    for name, patch in whole.patches.items():
+        np.testing.assert_array_equal(patch.nodes, layer.patches[name].nodes)
+    body = points[patches["body"].nodes]
+    inner = np.flatnonzero(np.abs(points[:, :2] - body[:, :2].mean(axis=0)).max(axis=1) < 0.45)  # with all of a disk
+    wall = Patch("moving", inner[points[inner, 2] > 0.0])
+    rest = {name: Patch(patch.role, np.setdiff1d(patch.nodes, wall.nodes)) for name, patch in (patches | apart).items()}
+    assert OneLayer.find(points, cells, rest | {"piston": wall}) is None  # a part of the plane itself moves
+
+
 @pytest.mark.parametrize("normal", [[1, 0, 0], [0, 1, 0], [0.6, 0, 0.8], [1, 2, 3]])
 def test_the_layer_lies_anywhere(normal: list[float]) -> None:
     points, cells, patches = layered("quad + triangle", {"both": "symmetry"})

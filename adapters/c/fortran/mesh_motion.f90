@@ -28,11 +28,11 @@ module mesh_motion
    private
    public :: mm_server, mm_session
    public :: mm_since_committed, mm_since_reference, mm_keep, mm_discard
-   public :: mm_built, mm_moved, mm_committed, mm_status_report
+   public :: mm_built, mm_moved, mm_committed, mm_status_report, mm_joined
 
    integer(c_int), parameter :: mm_since_committed = 0, mm_since_reference = 1 ! what a displacement counts from
    integer(c_int), parameter :: mm_keep = 0, mm_discard = 1                    ! whether a closed session is kept
-   integer, parameter :: mm_built = 1, mm_moved = 2, mm_committed = 3, mm_status_report = 4 ! the last replies
+   integer, parameter :: mm_built = 1, mm_moved = 2, mm_committed = 3, mm_status_report = 4, mm_joined = 5 ! the last replies
    integer, parameter :: id_size = 32, token_size = 32
 
    type :: mm_server
@@ -109,6 +109,7 @@ module mesh_motion
       procedure :: dimension => session_dimension
       procedure :: node_count => session_node_count
       procedure :: moving_nodes => session_moving_nodes
+      procedure :: patch_nodes => session_patch_nodes
       procedure :: step => session_step
       procedure :: durable_step => session_durable_step
       procedure :: iteration => session_iteration
@@ -468,6 +469,13 @@ module mesh_motion
          integer(c_size_t), intent(out) :: count
          type(c_ptr) :: c_moving_nodes
       end function
+      function c_patch_nodes(session, name, count) bind(c, name="mm_patch_nodes")
+         import :: c_ptr, c_char, c_size_t
+         type(c_ptr), value :: session
+         character(kind=c_char), intent(in) :: name(*)
+         integer(c_size_t), intent(out) :: count
+         type(c_ptr) :: c_patch_nodes
+      end function
       function c_step(session) bind(c, name="mm_step")
          import :: c_ptr, c_int64_t
          type(c_ptr), value :: session
@@ -487,6 +495,11 @@ module mesh_motion
          import :: c_ptr
          type(c_ptr), value :: session
          type(c_ptr) :: c_state
+      end function
+      function c_joined(session) bind(c, name="mm_joined")
+         import :: c_ptr
+         type(c_ptr), value :: session
+         type(c_ptr) :: c_joined
       end function
       function c_built(session) bind(c, name="mm_built")
          import :: c_ptr
@@ -1188,16 +1201,36 @@ contains
    function session_moving_nodes(self) result(nodes)
       class(mm_session), intent(in) :: self
       integer(c_int64_t), allocatable :: nodes(:)
-      integer(c_int64_t), pointer :: theirs(:)
       integer(c_size_t) :: count
       type(c_ptr) :: first
       first = c_moving_nodes(self%handle, count)
+      call from_zero(first, count, nodes)
+   end function
+
+   ! The nodes of a moving patch in the order of patch, after resume or join; none if json(mm_joined, "moving_patches")
+   ! does not name it
+   function session_patch_nodes(self, name) result(nodes)
+      class(mm_session), intent(in) :: self
+      character(*), intent(in) :: name
+      integer(c_int64_t), allocatable :: nodes(:)
+      integer(c_size_t) :: count
+      type(c_ptr) :: first
+      first = c_patch_nodes(self%handle, ended(name), count)
+      call from_zero(first, count, nodes)
+   end function
+
+   ! Numbers that the library counts from 0, counted from 1
+   subroutine from_zero(first, count, nodes)
+      type(c_ptr), intent(in) :: first
+      integer(c_size_t), intent(in) :: count
+      integer(c_int64_t), allocatable, intent(out) :: nodes(:)
+      integer(c_int64_t), pointer :: theirs(:)
       allocate (nodes(count))
       if (count > 0) then
          call c_f_pointer(first, theirs, [count])
          nodes = theirs + 1
       end if
-   end function
+   end subroutine
 
    function session_step(self) result(step)
       class(mm_session), intent(in) :: self
@@ -1230,6 +1263,7 @@ contains
       integer, intent(in) :: which
       type(c_ptr) :: report
       select case (which)
+      case (mm_joined); report = c_joined(self%handle)
       case (mm_built); report = c_built(self%handle)
       case (mm_moved); report = c_moved(self%handle)
       case (mm_committed); report = c_committed(self%handle)

@@ -218,6 +218,9 @@ MM_API int mm_dimension(const mm_session *session);
 MM_API size_t mm_node_count(const mm_session *session);
 /* The nodes whose displacement mm_move takes, ascending; valid until mm_open, mm_join or mm_resume. */
 MM_API const int64_t *mm_moving_nodes(const mm_session *session, size_t *count);
+/* The nodes of a moving patch in the order of mm_patch, for a program that has resumed or joined a session without its
+ * mesh. NULL if mm_joined does not name the patch; valid until mm_open, mm_join or mm_resume. */
+MM_API const int64_t *mm_patch_nodes(const mm_session *session, const char *name, size_t *count);
 MM_API int64_t mm_step(const mm_session *session);          /* last committed step; 0: as uploaded */
 MM_API int64_t mm_durable_step(const mm_session *session);  /* the step that survives a crash of the machine */
 MM_API int64_t mm_iteration(const mm_session *session);     /* moves of the step under way */
@@ -250,6 +253,7 @@ MM_API const double *mm_enrichment_points(const mm_session *session, size_t *cou
 /* --- reports ----------------------------------------------------------------------------------------------------- */
 
 /* The last replies of each kind (SPEC.md, sections 12 and 15); valid until the next one of that kind. */
+MM_API const mm_report *mm_joined(const mm_session *session);    /* moving_patches.0.0, a name, and 0.1, nodes; time … */
 MM_API const mm_report *mm_built(const mm_session *session);     /* settings, mesh, quality */
 MM_API const mm_report *mm_moved(const mm_session *session);     /* quality, correction, seconds, faces, headroom … */
 MM_API const mm_report *mm_committed(const mm_session *session); /* quality, durable_step */

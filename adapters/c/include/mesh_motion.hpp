@@ -326,6 +326,13 @@ public:
         const std::int64_t *nodes = mm_moving_nodes(get(), &count);
         return {nodes, count};
     }
+    /// Of a moving patch that joined() names, in the order of patch(); empty for another name.
+    View<const std::int64_t> patch_nodes(const std::string &name) const
+    {
+        std::size_t count = 0;
+        const std::int64_t *nodes = mm_patch_nodes(get(), name.c_str(), &count);
+        return {nodes, count};
+    }
     /// Of the last move, dimension() numbers a node; empty if no scheme was set.
     View<const double> velocity() const
     {
@@ -351,6 +358,7 @@ public:
     std::int64_t iteration() const { return mm_iteration(get()); }
     std::string state() const { return mm_state(get()); }
     View<const std::uint8_t> digest() const { return {mm_digest(get()), 32}; }
+    Report joined() const { return Report(mm_joined(get())); }
     Report built() const { return Report(mm_built(get())); }
     Report moved() const { return Report(mm_moved(get())); }
     Report committed() const { return Report(mm_committed(get())); }

@@ -58,12 +58,14 @@ void mm_session_free(mm_session *session)
     free(session->blocks);
     free(session->settings);
     free(session->moving);
+    free(session->patch_nodes);
     free(session->enrichment);
     free(session->velocity);
     free(session->swept);
     free(session->boundary_velocity);
     free(session->swept_faces);
     free(session->trial);
+    mmi_report_free(&session->entered);
     mmi_report_free(&session->built);
     mmi_report_free(&session->moved);
     mmi_report_free(&session->committed);
@@ -211,6 +213,9 @@ static void forget_moving_nodes(mm_session *session)
     free(session->moving);
     session->moving = NULL;
     session->moving_count = 0;
+    free(session->patch_nodes);
+    session->patch_nodes = NULL;
+    session->patch_node_count = 0;
 }
 
 outcome mmi_take_moving_nodes(mm_session *session, const answer *from)
@@ -248,6 +253,31 @@ outcome mmi_take_moving_nodes(mm_session *session, const answer *from)
     return DONE;
 }
 
+/* Keep JOINED, and the nodes of the moving patches that it names. */
+static outcome keep_joined(mm_session *session, answer *joined)
+{
+    const mmi_array *array = mmi_find_array(&joined->reply, "patch_nodes");
+    int64_t *nodes = array ? malloc((array->rows + 1) * sizeof *nodes) : NULL;
+    if (array && !nodes) {
+        return mmi_no_memory(session->context);
+    }
+    free(session->patch_nodes);
+    session->patch_nodes = nodes;
+    session->patch_node_count = array ? array->rows : 0;
+    if (array) {
+        mmi_take_integers(nodes, joined, array);
+    }
+    for (size_t i = 0; i < session->patch_node_count; ++i) {
+        nodes[i] = session->volume ? mmi_in_mesh(session, nodes[i]) : nodes[i];
+        if (nodes[i] < 0 || (session->nodes && (uint64_t)nodes[i] >= session->nodes)) {
+            session->patch_node_count = 0;
+            return mmi_fail(session->context, "INTERNAL", "", "a node of the server's moving patches is not in this mesh");
+        }
+    }
+    mmi_keep_report(&session->entered, joined);
+    return DONE;
+}
+
 /* Join with the endpoint in OPENED, RESUMED or PROBED, and take over the state in JOINED. */
 static outcome join_by(mm_session *session, const answer *from, double deadline)
 {
@@ -277,6 +307,7 @@ static outcome join_by(mm_session *session, const answer *from, double deadline)
             mmi_find_array(&joined.reply, "moving_nodes") && mmi_integer_field(&joined, "partitions") == 1;
         how = how == DONE ? mmi_take_moving_nodes(session, &joined) : how;
         how = how == DONE ? mmi_take_step(session, mmi_integer_field(&joined, "step")) : how;
+        how = how == DONE ? keep_joined(session, &joined) : how;
     }
     mmi_free_answer(&joined);
     return how;
@@ -534,6 +565,7 @@ int64_t mm_durable_step(const mm_session *session) { return session ? session->d
 int64_t mm_iteration(const mm_session *session) { return session ? session->iteration : 0; }
 const char *mm_state(const mm_session *session) { return session ? session->state : ""; }
 const uint8_t *mm_digest(const mm_session *session) { return session ? session->digest : NULL; }
+const mm_report *mm_joined(const mm_session *session) { return session ? &session->entered : NULL; }
 const mm_report *mm_built(const mm_session *session) { return session ? &session->built : NULL; }
 const mm_report *mm_moved(const mm_session *session) { return session ? &session->moved : NULL; }
 const mm_report *mm_committed(const mm_session *session) { return session ? &session->committed : NULL; }
@@ -545,6 +577,26 @@ const int64_t *mm_moving_nodes(const mm_session *session, size_t *count)
         *count = session ? session->moving_count : 0;
     }
     return session ? session->moving : NULL;
+}
+
+const int64_t *mm_patch_nodes(const mm_session *session, const char *name, size_t *count)
+{
+    size_t first = 0, size = 0;
+    int found = 0;
+    for (size_t i = 0; session && name && !found && i < mm_report_count(&session->entered, "moving_patches"); ++i) {
+        char path[64], text[NAME_BYTES];
+        snprintf(path, sizeof path, "moving_patches.%zu.0", i);
+        mm_report_text(&session->entered, path, text, sizeof text);
+        snprintf(path, sizeof path, "moving_patches.%zu.1", i);
+        first += size;
+        int64_t nodes = mm_report_integer(&session->entered, path, 0);
+        size = nodes > 0 ? (size_t)nodes : 0;
+        found = strcmp(text, name) == 0 && first <= session->patch_node_count && size <= session->patch_node_count - first;
+    }
+    if (count) {
+        *count = found ? size : 0;
+    }
+    return found ? session->patch_nodes + first : NULL;
 }
 
 const double *mm_enrichment_points(const mm_session *session, size_t *count)

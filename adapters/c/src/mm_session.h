@@ -49,6 +49,8 @@ struct mm_session {
     uint8_t digest[32];
     int64_t *moving;
     size_t moving_count;
+    int64_t *patch_nodes; /* of the moving patches that `entered` names, one after the other */
+    size_t patch_node_count;
     double *enrichment;
     size_t enrichment_count;
     /* times and velocities (section 25) for OPEN, for MOVE, and from the last MOVED */
@@ -69,7 +71,7 @@ struct mm_session {
     request accepted[MOST_ACCEPTED]; /* JUDGE and CORRECT of the trial, with their own arrays, to be sent again */
     size_t accepted_count;
     freed trial_freed, committed_freed; /* positions of nodes after the last correction */
-    mm_report built, moved, committed, status;
+    mm_report entered, built, moved, committed, status; /* entered: JOINED */
 };
 
 /* FAILED unless the session is open. */

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from mesh_motion_numerics.arrays import Floats, Integers, Marks
 from mesh_motion_numerics.mesh.boundary_facets import boundary_facets
 from mesh_motion_numerics.mesh.cells import CELL_TYPES, CellBlock, CellTable
 from mesh_motion_numerics.mesh.local_facets import LOCAL_FACETS
-from mesh_motion_numerics.mesh.roles import SLIDING_ROLES, Patch, nodes_with
+from mesh_motion_numerics.mesh.roles import SLIDING_ROLES, Patch
 from mesh_motion_numerics.mesh.smooth_pieces import area_vectors, widened
 
 __all__ = ["OneLayer"]
@@ -59,12 +60,13 @@ class OneLayer:
         cells : CellTable
             In one orientation.
         patches : mapping of name to Patch
-            Checked patches. The patches of the planes have all nodes of their plane, including those of other patches.
+            Checked patches. The patches of the planes may leave out nodes of the sides that other patches have.
         """
-        roles = next((roles for roles in (SLIDING_ROLES, ("fixed",)) if _all_in(points, patches, roles)), None)
-        if roles is None or not {block.type.name for block in cells} <= set(_FACES):
+        if len(np.unique(np.concatenate([*(patch.nodes for patch in patches.values()), [-1]]))) <= len(points):
+            return None  # a node is inside
+        if points.shape[1] != 3 or not {block.type.name for block in cells} <= set(_FACES):
             return None
-        for normal in _normals(points, cells):
+        for roles, normal in product((SLIDING_ROLES, ("fixed",)), _normals(points, cells)):
             heights = points @ normal
             low, high = float(heights.min()), float(heights.max())
             in_front = heights > 0.5 * (low + high)
@@ -116,11 +118,6 @@ class OneLayer:
             else:
                 moved += np.outer((after - before)[:, column], axis)
         return moved
-
-
-def _all_in(points: Floats, patches: Mapping[str, Patch], roles: tuple[str, ...]) -> bool:
-    """Whether every node is in a patch with one of these roles."""
-    return points.shape[1] == 3 and len(nodes_with(patches, roles)) == len(points)
 
 
 def _normals(points: Floats, cells: CellTable) -> Iterator[Floats]:
@@ -193,22 +190,26 @@ def _plane_patches(
     """The patches with these roles that form the two planes, each with its nodes (k,) on sides of no other patch; None
     if they leave out a face of a plane.
 
-    Such a patch has all nodes of a plane, or as many faces on the planes as on the sides. In a single row of cells the
-    sides look like planes too, but most of their faces belong to other patches.
+    Such a patch has all nodes of a plane, or as many faces on the planes as on the sides; nodes that also lie on sides
+    may be left to the patches of the sides. In a single row of cells the sides look like planes too, but most of their
+    faces belong to other patches.
     """
     rows = np.concatenate([widened(block, 4) for block in boundary_facets(cells).values()])
     side = np.where(rows >= 0, in_front[rows], in_front[rows[:, :1]])
     flat = (side == side[:, :1]).all(axis=1)
+    rim = np.zeros(len(in_front) + 1, dtype=bool)
+    rim[rows[~flat]] = True
     found: dict[str, Marks] = {}
     covered, taken, sides = np.zeros((3, len(rows)), dtype=bool)
     for name, patch in patches.items():
         inside = np.zeros(len(in_front) + 1, dtype=bool)  # the last one for the -1 of a triangle
         inside[patch.nodes] = inside[-1] = True
-        own, whole = inside[rows].all(axis=1), inside[:-1][in_front].all() or inside[:-1][~in_front].all()
+        own, wide = inside[rows].all(axis=1), inside | (rim & (inside & ~rim)[:-1].any())
+        whole = wide[:-1][in_front].all() or wide[:-1][~in_front].all()
         if patch.role not in roles:
             taken |= own & flat
         elif whole or (own & flat).sum() > (own & ~flat).sum():
-            covered |= own
+            covered |= wide[rows].all(axis=1)
             found[name] = own & ~flat
             continue
         sides |= own

@@ -21,7 +21,7 @@ from mesh_motion_numerics.mesh.boundary_orientation import closed_parts, of_one_
 from mesh_motion_numerics.mesh.points import spread
 from mesh_motion_numerics.mesh.smooth_pieces import area_vectors, as_simplices
 
-__all__ = ["contact_place", "misplaced_place"]
+__all__ = ["contact_place", "left_place", "misplaced_place"]
 
 
 #: Smallest number of tested places, spread over all: a part that has left is found by any node that is outside …
@@ -86,6 +86,26 @@ def misplaced_place(
                 place: Floats = points[wrong[0]]
                 return place
     return None
+
+
+def left_place(
+    facets: Mapping[str, Integers], prescribed: Marks, moving: Integers, reference: Floats, points: Floats
+) -> Floats | None:
+    """The first place (d,) of a moving wall outside of the part of the boundary that it is joined to, None if none is.
+
+    A body between two planes, for example, that has passed wholly through the wall around it. Parameters as in
+    :func:`misplaced_place`, which tests parts that are joined to no other.
+    """
+    if not facets:
+        return None
+    rows = of_one_width(facets)
+    moves = np.zeros(len(points) + 1, dtype=bool)  # the last one for the -1 of a triangle
+    moves[moving] = moves[-1] = True
+    own = moves[rows].all(axis=1)
+    parts, _ = closed_parts(rows, prescribed, len(points))
+    joined = np.bincount(parts, ~own) > 0
+    chosen = spread(rows[own & joined[parts]], _PROBES)
+    return contact_place(facets, chosen, prescribed, reference, points)
 
 
 def contact_place(

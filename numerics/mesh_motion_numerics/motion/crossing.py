@@ -24,7 +24,7 @@ from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.mesh.coincidence import CoincidentSides, linked_by_cells, met_nodes
 from mesh_motion_numerics.mesh.roles import BoundaryRoles
 from mesh_motion_numerics.mesh.sliding import SlidingSurfaces
-from mesh_motion_numerics.motion.boundary_nesting import contact_place, misplaced_place
+from mesh_motion_numerics.motion.boundary_nesting import contact_place, left_place, misplaced_place
 from mesh_motion_numerics.motion.point_contact import meeting_place
 
 __all__ = ["NoMeshExists", "PossibleCrossing", "refuse_region"]
@@ -151,6 +151,9 @@ class PossibleCrossing:
         touching = touching_facets(self.facets, moved, near)
         yield "touch or cross itself", contact_place(facets, touching, self.known, reference, moved)
         yield "touch or cross itself", meeting_place(facets, touching, moved)
+        if not len(self.sides.pairs):
+            left = left_place(facets, self.known, self.roles.moving, reference, moved)
+            yield "leave its side of another part", left
         if len(self.roles.periodic):
             # periodic sides bend, and a body may pass beyond them; but a fixed wall separates them
             still = touching[~(self.facets.moving[touching] & (touching >= 0)).any(axis=1)]

@@ -104,6 +104,27 @@ def test_sessions_are_listed(compiler, tools, tmp_path, name):
         assert entry == server.sessions()[0]
 
 
+@pytest.mark.parametrize("name", ["patches.cpp", "patches.f90"])
+def test_a_resumed_session_names_its_moving_patches(compiler, tools, tmp_path, name):
+    """After its end a program knows the nodes by patch, in the order of upload, although it has no mesh."""
+    tools["need"]("gfortran" if name.endswith(".f90") else "g++")
+    module = [tools["source"] / "fortran" / "mesh_motion.f90"] * name.endswith(".f90")
+    points = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0.5, 0.5]], dtype=float)
+    triangles = np.array([[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]])
+    patches = {"wall": Patch("fixed", [0]), "wing": Patch("moving", [3, 2]), "flap": Patch("moving", [2, 1])}
+    with connect(state=tmp_path) as server:
+        with server.open(Mesh(points, {"triangle": triangles}, patches)) as session:
+            session.move(np.full((3, 2), 0.01), time=0.25)
+            session.commit(time=0.25)
+            session.credentials.save(tmp_path / "credentials")
+        program = compiler.program(*module, tools["here"] / name)
+        options = os.environ | {"ASAN_OPTIONS": "detect_leaks=0"}
+        printed = tools["run"]([program, server.endpoint, tmp_path / "credentials"], env=options)
+    time, *nodes = printed.splitlines()
+    assert float(time) == 0.25
+    assert [line.split() for line in nodes] == [["wing", "3", "2"], ["flap", "2", "1"], ["wall"]]
+
+
 @pytest.mark.parametrize("name", ["velocities.cpp", pytest.param("velocities.f90", marks=pytest.mark.nightly)])
 def test_velocities_and_swept_volumes(compiler, endpoint, tools, name):
     """bdf2 of 0, 0.1 and 0.3 at steps of 0.25 s is (1.5 · 0.3 - 2 · 0.1) / 0.25 = 1; only two faces of three move."""

@@ -98,6 +98,15 @@ def test_what_comes_is_shown_without_a_reload(tab: Browser, server: ServerProces
     assert "next 1 time refused" in tab.text("#figures")  # the open step's refusals are counted, too
     tab.show(f"http://{server.settings['monitor']}/")  # nothing is chosen: the one in trouble, which is not the latest
     await_session(tab, SHORT)
+    # of two in trouble the one with the lower minimum, not the one that changed last
+    chosen = """
+const m = globalThis.monitor, one = m.sessions.find(({ session }) => session === m.chosen);
+const other = { ...one, session: "f".repeat(32), minimum: 0.9 * one.minimum };
+m.chosen = "";
+m.take({ at: 0, build: {}, missing: "", sessions: [one, other] });
+return m.chosen;
+"""
+    assert tab.run(chosen) == "f" * 32
 
 
 @pytest.mark.nightly

@@ -17,8 +17,9 @@ const RETRY_SECONDS = 5;
 
 const TONES = ["bad", "warn", "good", ""];
 
-/** The session that needs a look first: the worst state, of those alike the one that changed last. */
-const worst = (sessions) => sessions.toSorted((a, b) => TONES.indexOf(a.verdict.tone) - TONES.indexOf(b.verdict.tone))[0];
+/** The session that needs a look first: the worst state, of those alike the lowest minimum. */
+const worst = (sessions) =>
+  sessions.toSorted((a, b) => TONES.indexOf(a.verdict.tone) - TONES.indexOf(b.verdict.tone) || (a.minimum ?? 1) - (b.minimum ?? 1))[0];
 
 class Page {
   constructor() {
