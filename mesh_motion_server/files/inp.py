@@ -244,7 +244,7 @@ def _mesh(path: Path, found: _Content) -> MeshFile:
     for name, parts in found.surfaces.items():
         for items, side in parts:
             own = np.array([int(items)]) if items.isdigit() else _flat(found.element_sets, items)
-            for of in _surface(points, blocks, own, side, plane=dimension == 2):
+            for of in _surface(blocks, own, side, plane=dimension == 2):
                 parts_of[name].append((dimension - 1, of.ravel()))
     for name in found.node_sets:
         own = np.unique(_flat(found.node_sets, name))
@@ -273,7 +273,7 @@ def _sides(found: _Content, blocks: list[_Block], dimension: int) -> dict[str, I
     return {name: own for name, own in sets.items() if name not in found.of_elements or not np.isin(own, others).all()}
 
 
-def _surface(points: Floats, blocks: list[_Block], own: Integers, side: str, *, plane: bool) -> Iterator[Integers]:
+def _surface(blocks: list[_Block], own: Integers, side: str, *, plane: bool) -> Iterator[Integers]:
     """Nodes of one side of elements, which may be of several types.
 
     Sides are S1, S2, …. Those of shells are the faces S1 = SNEG and S2 = SPOS, then the edges S3, S4, … of CalculiX,
@@ -291,7 +291,7 @@ def _surface(points: Floats, blocks: list[_Block], own: Integers, side: str, *, 
         number = int(found[2] or 1) + 2 * (found[1] == "E")
         if not (plane and as_shell and number <= 2):
             sides = np.full(len(chosen), number)
-            yield side_nodes(points, block.name, chosen, sides, SHELLS if as_shell else ABAQUS)
+            yield side_nodes(block.name, chosen, sides, SHELLS if as_shell else ABAQUS)
 
 
 def _move(source: Path, target: Path, points: Floats) -> None:

@@ -151,6 +151,33 @@ def test_sections_are_patches_where_there_are_no_conditions(tmp_path: Path, list
     assert (mesh.dimension, mesh.patches["south"].tolist()) == (2, [0, 1])
 
 
+@pytest.mark.parametrize(
+    ("cell", "side", "expected"),
+    [
+        (1, 2, [0, 1, 4]),  # of the pyramid 1, 2, 3, 4, 5
+        (1, 5, [0, 3, 4]),
+        (2, 2, [1, 4, 6]),  # of the tetrahedron 2, 7, 3, 5
+        (2, 1, [1, 2, 6]),
+        (3, 1, "element 3 of section 'wall' names node 0"),  # there is no such cell
+        (1, 1, "element 3 of section 'wall' names node 0"),  # a side of four nodes
+    ],
+)
+def test_faces_that_are_named_as_sides_of_cells_only(tmp_path: Path, cell: int, side: int, expected: Any) -> None:
+    """As IOSS writes them: zeros instead of the nodes."""
+
+    def fill(base: Any, zone: Any) -> None:
+        section(zone, "cells", 20, 1, 2, MIXED[:11])
+        faces = section(zone, "wall", 5, 3, 3, [0, 0, 0])
+        add_node(faces, "ParentElements", "DataArray_t", np.array([[cell], [0]]))
+        add_node(faces, "ParentElementsPosition", "DataArray_t", np.array([[side], [0]]))
+
+    path = make(tmp_path / "m.cgns", TWO, fill)
+    if isinstance(expected, str):
+        one_line(path, expected)
+    else:
+        assert lists(read_mesh(path).patches) == {"wall": expected}
+
+
 def test_another_number_of_cells_than_announced_is_named(tmp_path: Path) -> None:
     """``make`` announces one cell; these are two."""
     path = make(tmp_path / "m.cgns", TWO, lambda _, zone: section(zone, "cells", 10, 1, 2, [1, 2, 3, 5, 1, 3, 4, 5]))

@@ -831,6 +831,9 @@ def test_named_blocks_of_faces_in_exodus_are_patches(tmp_path: Path) -> None:
         ("xy", {"SHELL8": [[1, 2, 3, 4, 6, 7, 8, 9]]}, [[4], [5]], {"1": [1, 2, 6], "2": [2, 3, 7]}),
         ("xy", {"TRISHELL3": [[1, 2, 3]]}, [[3], [5]], {"1": [0, 1], "2": [0, 2]}),
         ("xy", {"TRI3": [[1, 2, 3]]}, [[3], [1]], {"1": [0, 2], "2": [0, 1]}),
+        ("x", {"BAR2": [[1, 2]]}, [[1], [2]], {"1": [0], "2": [1]}),
+        ("x", {"EDGE3": [[1, 2, 6]]}, [[1], [2]], {"1": [0], "2": [1]}),
+        ("xy", {"BEAM3": [[1, 2, 6]], "TRI3": [[1, 2, 3]]}, [[1], [2]], {"1": [0, 1, 5], "2": [0, 1, 5]}),
         ("xyz", {"TRI3": [[1, 2, 4]], "TETRA4": [[1, 2, 4, 5]]}, [[1], [5]], {"1": [0, 1, 3], "2": [0, 3]}),
         (
             "xyz",
@@ -890,6 +893,37 @@ def test_surfaces_of_shells_in_abaqus(tmp_path: Path, solid: str, side: str, exp
     )
     found = read_mesh(tmp_path / "m.inp").patches
     assert {name: nodes.tolist() for name, nodes in found.items()} == expected
+
+
+def _curved_edge(ends: str) -> list[float]:
+    """The middle of an edge of a thin curved hexahedron between corners, which are counted from 1."""
+    r, angle, z = np.mean([_POLAR[int(end) - 1] for end in ends], axis=0)
+    return [r * np.cos(angle), r * np.sin(angle), z]
+
+
+#: Radius, angle and height of the corners: the edges along the angle bend by 24 times the thickness.
+_POLAR = np.array([(1 + 1e-4 * x, 0.14 * y, 0.1 * z) for x, y, z in _CUBE])
+_THIN = [_curved_edge(str(corner)) for corner in range(1, 9)]
+
+
+@pytest.mark.parametrize("program", ["Exodus", "CalculiX"])
+def test_nodes_between_corners_of_a_thin_curved_cell_are_on_their_own_side(tmp_path: Path, program: str) -> None:
+    """The order of the nodes decides: their places are nearer to the middles of other edges."""
+    level, upright, above = "12 23 34 41", "15 26 37 48", "56 67 78 85"
+    order = f"{level} {upright} {above}" if program == "Exodus" else f"{level} {above} {upright}"
+    points = np.array(_THIN + [_curved_edge(edge) for edge in order.split()])
+    if program == "Exodus":
+        arrays: dict[str, Any] = {f"coord{a}": points[:, k] for k, a in enumerate("xyz")}
+        arrays |= {"connect1": np.arange(1, 21, dtype="i")[None], "elem_ss1": np.ones(1, "i")}
+        path = tmp_path / "m.exo"
+        _exodus_of(path, arrays | {"side_ss1": np.array([4], "i")}, ["HEX20"])
+    else:
+        lines = "".join(f"{k}, {x!r}, {y!r}, {z!r}\n" for k, (x, y, z) in enumerate(points.tolist(), start=1))
+        nodes = f"1, {', '.join(map(str, range(1, 16)))},\n16, 17, 18, 19, 20"
+        path = tmp_path / "m.inp"
+        path.write_text(f"*NODE\n{lines}*ELEMENT, TYPE=C3D20\n{nodes}\n*SURFACE, NAME=wall\n1, S6\n")
+    (inner,) = read_mesh(path).patches.values()
+    np.testing.assert_array_equal(inner, np.flatnonzero(np.hypot(points[:, 0], points[:, 1]) < 1 + 2e-5))
 
 
 def test_one_array_of_faces_and_lines_elsewhere_is_said(tmp_path: Path) -> None:

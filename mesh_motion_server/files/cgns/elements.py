@@ -32,12 +32,16 @@ _WIDTHS |= {kind: width for kind, (_, width) in _SECOND.items()} | {NODE: 1}
 
 @dataclass(frozen=True, eq=False)
 class Elements:
-    """Elements of one type: nodes (m, k) counted from 0, corners first, and element numbers (m,) in the zone."""
+    """Elements of one type: nodes (m, k) counted from 0, corners first, and element numbers (m,) in the zone.
+
+    ``parents`` (m, 2): the cell and the side of it that each element is, if the section has zeros instead of nodes.
+    """
 
     name: str
     nodes: Integers
     numbers: Integers
     section: str
+    parents: Integers | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +92,9 @@ def read_elements(section: Node) -> list[Elements | ListedElements]:
     width = _WIDTHS[kind]
     if len(connectivity) != count * width:
         raise section.refused(f"{count} elements of {width} nodes, but a connectivity of {len(connectivity)} entries")
-    return [Elements(_NAMES[kind], connectivity.reshape(count, width) - 1, np.arange(low, high + 1), section.name)]
+    nodes, numbers = connectivity.reshape(count, width) - 1, np.arange(low, high + 1)
+    parents = None if connectivity.any() else _cell_and_side(section, count)
+    return [Elements(_NAMES[kind], nodes, numbers, section.name, parents)]
 
 
 def _array(section: Node, name: str) -> Integers:
@@ -175,10 +181,21 @@ def _walked(section: Node, connectivity: Integers, count: int) -> Integers:
 
 def _parents(section: Node, count: int) -> Integers | None:
     """(count, 2) the cells on both sides of each face; HDF5 has the arrays of CGNS transposed."""
-    node = section.child("ParentElements")
+    return _pairs(section, "ParentElements", count)
+
+
+def _cell_and_side(section: Node, count: int) -> Integers | None:
+    """(count, 2) the cell of each face, and which of its sides the face is."""
+    cells, sides = (_pairs(section, f"ParentElements{what}", count) for what in ("", "Position"))
+    return None if cells is None or sides is None else np.column_stack([cells[:, 0], sides[:, 0]])
+
+
+def _pairs(section: Node, name: str, count: int) -> Integers | None:
+    """(count, 2) an array about both sides of each face, if the section has it."""
+    node = section.child(name)
     if node is None:
         return None
     values = node.integers()
     if len(values) != 2 * count:
-        raise section.refused(f"{count} faces, but {len(values)} parents")
+        raise section.refused(f"{count} faces, but {len(values)} values in {name}")
     return values.reshape(2, count).T
