@@ -121,6 +121,7 @@ def condition(zone: Any, name: str, listed: str, values: Any, location: str = ""
 
 
 TWO = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0.5, 0.5, 1], [0.5, 0.5, -1], [2, 0.5, 0.0]])
+_WEDGE = np.array([[0, 0, 0], [1, 0, 0], [9, 9, 9], [0, 1, 0], [0, 0, 1], [1, 0, 1], [0, 1, 1.0]])
 #: a pyramid, a tetrahedron next to it, one face of each
 MIXED = [12, 1, 2, 3, 4, 5, 10, 2, 7, 3, 5, 7, 1, 4, 3, 2, 5, 2, 7, 5]
 
@@ -137,6 +138,16 @@ def test_mixed_sections_of_both_versions(tmp_path: Path, offsets: list[int] | No
     np.testing.assert_array_equal(mesh.cells["pyramid"], [[0, 1, 2, 3, 4]])
     np.testing.assert_array_equal(mesh.cells["tetra"], [[1, 6, 2, 4]])
     assert lists(mesh.patches) == {"floor": [0, 1, 2, 3, 4, 6], "corner": [6]}
+
+
+@pytest.mark.parametrize(("kind", "head"), [(15, []), (21, [15])])
+def test_version_3_0_has_other_numbers_of_types(tmp_path: Path, kind: int, head: list[int]) -> None:
+    """A wedge, whose number is 14 in all other versions, in a section of its own and in a MIXED one."""
+    wedge = [*head, 1, 2, 4, 5, 6, 7]
+    path = make(tmp_path / "m.cgns", _WEDGE, lambda _, zone: section(zone, "cells", kind, 1, 1, wedge))
+    with h5py.File(path, "r+") as file:
+        file["CGNSLibraryVersion/ data"][...] = 3.0
+    np.testing.assert_array_equal(read_mesh(path).cells["wedge"], [[0, 1, 3, 4, 5, 6]])
 
 
 @pytest.mark.parametrize("listed", [False, True])

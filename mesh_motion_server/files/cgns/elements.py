@@ -6,6 +6,7 @@ Element numbers continue through all sections. Before version 4 (in fact 3.4) MI
 https://cgns.github.io/CGNS_docs_current/sids/conv.html#unstructgrid
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -64,15 +65,21 @@ class ListedElements:
         return self.first + np.arange(len(self.starts) - 1)
 
 
-def read_elements(section: Node) -> list[Elements | ListedElements]:
-    """Read the elements of one section.
+def _since_3_1(kind: int) -> int:
+    """The number that a type of version 3.0 has since version 3.1, which moved PYRA_13 from 13 to 21."""
+    return {13: 21}.get(kind, kind - 1) if 13 <= kind <= 21 else kind
+
+
+def read_elements(section: Node, version: float = 4.0) -> list[Elements | ListedElements]:
+    """Read the elements of one section; ``version`` is that of the file.
 
     Raises
     ------
     InvalidInput
         For types of third and higher order, and for wrong counts.
     """
-    kind = int(_first(section, section.integers(), 2)[0])
+    numbered = _since_3_1 if 3.0 <= version < 3.1 else int
+    kind = numbered(int(_first(section, section.integers(), 2)[0]))
     low, high = (int(v) for v in _first(section, _array(section, "ElementRange"), 2))
     connectivity = _array(section, "ElementConnectivity")
     count = high - low + 1
@@ -82,7 +89,7 @@ def read_elements(section: Node) -> list[Elements | ListedElements]:
         starts, entries = _listed(section, connectivity, count)
         return [ListedElements(kind, section.name, starts, entries, low, _parents(section, count))]
     if kind == MIXED:
-        return _mixed(section, connectivity, low, count)
+        return _mixed(section, connectivity, low, count, numbered)
     if kind not in _NAMES:
         raise section.refused(
             f"elements of CGNS' type {kind}; known are {', '.join(TYPES.values())} of first and second "
@@ -140,12 +147,14 @@ def _listed(section: Node, connectivity: Integers, count: int) -> tuple[Integers
     return starts, np.delete(connectivity, starts[:-1] + np.arange(count))
 
 
-def _mixed(section: Node, connectivity: Integers, low: int, count: int) -> list[Elements | ListedElements]:
+def _mixed(
+    section: Node, connectivity: Integers, low: int, count: int, numbered: Callable[[int], int]
+) -> list[Elements | ListedElements]:
     """Elements of a MIXED section: the type precedes the nodes."""
     starts = _offsets(section, len(connectivity), count)
     if starts is None:
-        starts = _walked(section, connectivity, count)
-    kinds = connectivity[starts[:-1]]
+        starts = _walked(section, connectivity, count, numbered)
+    kinds = np.array([numbered(kind) for kind in connectivity[starts[:-1]].tolist()])
     found: list[Elements | ListedElements] = []
     for kind in np.unique(kinds):
         rows = np.flatnonzero(kinds == kind)
@@ -161,13 +170,13 @@ def _mixed(section: Node, connectivity: Integers, low: int, count: int) -> list[
     return found
 
 
-def _walked(section: Node, connectivity: Integers, count: int) -> Integers:
+def _walked(section: Node, connectivity: Integers, count: int, numbered: Callable[[int], int]) -> Integers:
     """(count + 1,) start of each element of a MIXED section, found from the types before the nodes."""
     starts = np.empty(count + 1, dtype=np.int64)
     place, values = 0, connectivity.tolist()
     for element in range(count):
         starts[element] = place
-        kind = values[place] if place < len(values) else 0
+        kind = numbered(values[place]) if place < len(values) else 0
         if kind not in _WIDTHS:
             raise section.refused(
                 f"element {element} of the section is of CGNS' type {kind}; cells of first and second order are read"
