@@ -800,6 +800,22 @@ def with_a_node_set(path: Path, node: int, name: bytes) -> Path:
     return path
 
 
+def test_restrained_nodes_of_universal_files_are_patches(tmp_path: Path) -> None:
+    """As I-DEAS names inlets and outlets: sets of degrees of freedom, each with its number behind its name."""
+    path = tmp_path / "m.unv"
+    universal(path)
+    sets = "".join(
+        f"    -1\n   757\n{k:10}\n{name:>40}\n"
+        f"{node:10}         4 1 0 0 0 0 0\n{node + 1:10}         4 1 1 1 1 1 1\n    -1\n"
+        for k, (name, node) in enumerate({"inlet (         1)": 1, "": 3}.items(), start=1)
+    )
+    path.write_text(path.read_text() + sets)
+    found = lists(read_mesh(path).patches)
+    assert (found["inlet"], found["2"]) == ([0, 1], [2, 3])
+    path.write_text(path.read_text().replace("         3         4 1 0", "        99         4 1 0"))
+    one_line(path, "group '2': node 99")
+
+
 def test_a_node_set_of_exodus_with_the_number_or_the_name_of_a_side_set(tmp_path: Path) -> None:
     name, nodes = next(iter(PATCHES.items()))
     node = int(np.setdiff1d(np.arange(len(POINTS)), nodes)[0])
