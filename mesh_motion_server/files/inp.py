@@ -235,7 +235,10 @@ def _numbers(item: int | range) -> Integers:
 
 def _mesh(path: Path, found: _Content) -> MeshFile:
     if not found.points or not found.elements:
-        raise InvalidInput(f"{path}: no nodes, or no elements of a volume or a plane")
+        raise InvalidInput(
+            f"{path}: no nodes, or no elements of a volume or a plane",
+            hint="beams, springs and networks are no cells: give the mesh of the space that moves",
+        )
     rows, points = NumberedRows.of(np.concatenate(found.numbers)), np.concatenate(found.points)
     blocks = [replace(block, nodes=rows(block.nodes)) for block in found.elements]
     cells = [(block.name, block.nodes) for block in blocks]
@@ -306,7 +309,10 @@ def _move(source: Path, target: Path, points: Floats) -> None:
                 end = place
                 while end < len(lines) and (not lines[end].startswith(b"*") or lines[end].startswith(b"**")):
                     end += 1
-                rows = sum(bool(line.strip()) and not line.startswith(b"**") for line in lines[place:end])
+                listed = [k for k in range(place, end) if lines[k].strip() and not lines[k].startswith(b"**")]
+                for k in listed:
+                    lines[k] = _complete(lines[k], points.shape[1])
+                rows = len(listed)
                 place = move_rows(lines, place, points[done : done + rows], column=1, comment=b"**")
                 done += rows
         if done < len(points):
@@ -314,6 +320,13 @@ def _move(source: Path, target: Path, points: Floats) -> None:
             raise InvalidInput(f"{source}: {len(points) - done} of its nodes are in files that it includes", hint=hint)
 
     edit_lines(source, target, change)
+
+
+def _complete(row: bytes, dimension: int) -> bytes:
+    """The row of a node with its last coordinates, which may be left out where they are zero."""
+    words = row.rstrip(b", \t\r\n").split(b",")
+    missing = 1 + dimension - len(words)
+    return b",".join([*words, *([b" 0."] * missing)]) + b"\n" if missing > 0 else row
 
 
 _HEAD = re.compile(rb"\A(\s|\*\*.*\n)*\*[A-Za-z]")

@@ -927,6 +927,18 @@ def test_surfaces_of_shells_in_abaqus(tmp_path: Path, solid: str, side: str, exp
     assert {name: nodes.tolist() for name, nodes in found.items()} == expected
 
 
+def test_coordinates_of_zero_that_abaqus_leaves_out_come_back(tmp_path: Path) -> None:
+    (tmp_path / "m.inp").write_text(
+        "*NODE\n1\n2, 1.\n** y\n3, 0., 1.,\n4, 0, 0, 1\n*ELEMENT, TYPE=C3D4\n1, 1, 2, 3, 4\n*NSET, NSET=foot\n1\n"
+    )
+    mesh = read_mesh(tmp_path / "m.inp")
+    np.testing.assert_array_equal(mesh.points, [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+    write_mesh(tmp_path / "moved.inp", replace(mesh, points=mesh.points + 1 / 3))
+    after = read_mesh(tmp_path / "moved.inp")
+    np.testing.assert_array_equal(after.points, mesh.points + 1 / 3)
+    assert lists(after.patches) == {"foot": [0]}
+
+
 def _curved_edge(ends: str) -> list[float]:
     """The middle of an edge of a thin curved hexahedron between corners, which are counted from 1."""
     r, angle, z = np.mean([_POLAR[int(end) - 1] for end in ends], axis=0)
