@@ -1,11 +1,11 @@
 """The case file: TOML becomes a checked :class:`Case`, or an error with the file, the key and the expected value.
 
-All lengths are in the mesh's unit, angles in degrees. Every boundary patch of the mesh needs a role.
+All lengths are in the mesh's unit, angles in degrees. Every patch of the mesh needs a role; a free one is left out.
 """
 
 import math
 import tomllib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, get_args
 
@@ -30,7 +30,7 @@ __all__ = [
     "toml_text",
 ]
 
-Role = Literal["moving", "fixed", "slip", "symmetry", "periodic"]
+Role = Literal["moving", "fixed", "slip", "symmetry", "periodic", "free"]
 Vector = Annotated[list[float], Field(min_length=1, max_length=3)]
 
 
@@ -180,8 +180,13 @@ class Case:
         """The mesh file; a relative name is relative to the case file."""
         return self.path.parent / self.content.mesh.file
 
+    @property
+    def roles(self) -> dict[str, Role]:
+        """The role of each patch that :meth:`read_mesh` leaves in the mesh."""
+        return {name: role for name, role in self.content.patches.items() if role != "free"}
+
     def read_mesh(self) -> MeshFile:
-        """Read the mesh and check that it matches the case.
+        """Read the mesh, without its free patches, and check that it matches the case.
 
         Raises
         ------
@@ -209,7 +214,7 @@ class Case:
         _check_motions(self.path, self.content)
         for number, motion in enumerate(self.content.motion, start=1):
             _check_vectors(self.path, number, motion.rigid or motion.oscillation or motion.bending, mesh.dimension)
-        return mesh
+        return replace(mesh, patches={name: mesh.patches[name] for name in mesh.patches if name in self.roles})
 
 
 def case_name(path: Path) -> str:

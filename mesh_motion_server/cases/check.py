@@ -129,7 +129,7 @@ def _odd_motion(mesh: MeshFile, case: Case, program: MotionProgram) -> list[str]
     displacements = [program.displacement(step) for step in range(1, program.count + 1)]
     if doubt := other_unit(mesh.points, np.concatenate(displacements), _NEAREST):
         return [doubt]
-    split = BoundaryRoles.from_patches({n: Patch(role, mesh.patches[n]) for n, role in case.content.patches.items()})
+    split = BoundaryRoles.from_patches({n: Patch(role, mesh.patches[n]) for n, role in case.roles.items()})
     box = mesh.points[np.setdiff1d(split.all, program.nodes)]
     at_rest = mesh.points[program.nodes]
     if len(box) and (at_rest > box.min(axis=0)).all() and (at_rest < box.max(axis=0)).all():
@@ -144,7 +144,7 @@ def _odd_motion(mesh: MeshFile, case: Case, program: MotionProgram) -> list[str]
 def _report(path: Path, mesh: MeshFile, case: Case | None, warnings: list[str] | None = None) -> CheckReport:
     """Check the mesh with the case's roles, or with every patch moving."""
     warnings = [*mesh.notes, *(warnings or [])]
-    roles = dict(case.content.patches) if case is not None else {}
+    roles = dict(case.roles) if case is not None else {}
     patches = {name: Patch(roles.get(name, "moving"), nodes) for name, nodes in mesh.patches.items()}
     if not patches:
         warnings.append("the mesh has no patches: name its boundaries (physical groups, markers, patch_<name> arrays)")

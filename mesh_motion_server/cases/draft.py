@@ -133,7 +133,7 @@ def draft(mesh: MeshFile, folder: Path, zone: str = "") -> str:
 [mesh]
 file = {toml_text(os.path.relpath(mesh.path, folder))}{zoned}
 
-[patches]  # moving, fixed, slip, symmetry or periodic
+[patches]  # moving, fixed, slip, symmetry, periodic or free (left out)
 {patches}
 
 # The total motion of a patch over all steps; several of one patch add up. Other kinds:

@@ -17,7 +17,7 @@ def open_session(
     case: Case, mesh: MeshFile, endpoint: str | None, *, keys: Keys | None = None
 ) -> AbstractContextManager[Session]:
     """Open a session for a case, as :func:`passing_session` does."""
-    patches = {name: Patch(role, mesh.patches[name]) for name, role in case.content.patches.items()}
+    patches = {name: Patch(role, mesh.patches[name]) for name, role in case.roles.items()}
     method = case.content.method.model_dump(exclude_unset=True)
     return passing_session(Mesh(mesh.points, mesh.cells, patches), method, endpoint, keys, label=case.name)
 

@@ -142,7 +142,7 @@ class MotionProgram:
         InvalidInput
             If a table does not fit its patch or the number of steps, or two patches disagree about a node.
         """
-        moving = [name for name, role in case.content.patches.items() if role == "moving"]
+        moving = [name for name, role in case.roles.items() if role == "moving"]
         nodes = np.unique(np.concatenate([mesh.patches[name] for name in moving]))
         patches = tuple(
             _PatchMotion(name, np.searchsorted(nodes, mesh.patches[name]), _programs(case, mesh, name))

@@ -132,7 +132,7 @@ class _Run:
         every: int,
     ) -> None:
         self._case, self._mesh, self._program, self._session = case, mesh, program, session
-        patches = {name: Patch(role, mesh.patches[name]) for name, role in case.content.patches.items()}
+        patches = {name: Patch(role, mesh.patches[name]) for name, role in case.roles.items()}
         self._fixed = BoundaryRoles.from_patches(patches).fixed
         self._results = Results(
             mesh.points,

@@ -31,7 +31,7 @@ class Prediction:
     @classmethod
     def of(cls, case: Case, mesh: MeshFile, program: MotionProgram) -> Prediction:
         """Prepare the data for all steps; errors are the same as when a session is opened."""
-        patches = {name: Patch(role, mesh.patches[name]) for name, role in case.content.patches.items()}
+        patches = {name: Patch(role, mesh.patches[name]) for name, role in case.roles.items()}
         method = case.content.method.to_method()
         return cls(motion_model(mesh.points, mesh.cell_table, patches, method), program, mesh.points)
 

@@ -24,8 +24,8 @@ from mesh_motion_server.files.mesh_file import MeshFile, assemble_elements, by_n
 from mesh_motion_server.files.moved import copied_hdf5
 from mesh_motion_server.files.packages import check_unpacked, reason_of
 from mesh_motion_server.files.replace import replacing
+from mesh_motion_server.files.sides import BEAMS, SHELLS, Sides, side_nodes
 from mesh_motion_server.files.sides import EXODUS as SIDES
-from mesh_motion_server.files.sides import SHELLS, side_nodes
 
 __all__ = ["EXODUS"]
 
@@ -98,8 +98,8 @@ def _points(data: dict[str, Any]) -> Floats:
     return np.column_stack(columns).astype(np.float64)
 
 
-def _blocks(data: dict[str, Any], n_points: int, dimension: int) -> dict[int, tuple[str, Integers, bool]]:
-    """Our type, nodes (m, k) and whether they are shells of each block, in the order of the element numbers."""
+def _blocks(data: dict[str, Any], n_points: int, dimension: int) -> dict[int, tuple[str, Integers, Sides]]:
+    """Our type, nodes (m, k) and the sides of the elements of each block, in the order of the element numbers."""
     found = {}
     for number in sorted(int(name.removeprefix("connect")) for name in data if name.startswith("connect")):
         values, kind = data[f"connect{number}"]
@@ -108,7 +108,9 @@ def _blocks(data: dict[str, Any], n_points: int, dimension: int) -> dict[int, tu
         name = _TYPES.get(kind[:3].upper())
         if name is None or nodes.ndim != 2:
             raise ValueError(f"block {number} of elements of type {kind!r}; known are {', '.join(_TYPES)}")
-        shell = "SHELL" in kind.upper() or (name == "triangle" and dimension == 3)
+        sides = BEAMS if kind[:3].upper() == "BEA" else SIDES
+        if "SHELL" in kind.upper() or (name == "triangle" and dimension == 3):
+            sides = SHELLS
         if kind[:5].upper() == "SHELL" and nodes.shape[1] in (3, 6):
             name = "triangle"
         if name and nodes.shape[1] < CELL_TYPES[name].n_nodes:
@@ -119,12 +121,12 @@ def _blocks(data: dict[str, Any], n_points: int, dimension: int) -> dict[int, tu
             raise ValueError(
                 f"block {number}: element {int(wrong[0, 0]) + 1} names node {node}, but the last node is {n_points}"
             )
-        found[number] = (name, nodes, shell)
+        found[number] = (name, nodes, sides)
     return found
 
 
 def _sets(
-    data: dict[str, Any], points: Floats, blocks: dict[int, tuple[str, Integers, bool]]
+    data: dict[str, Any], points: Floats, blocks: dict[int, tuple[str, Integers, Sides]]
 ) -> dict[str, list[tuple[int, Integers]]]:
     """Dimension and nodes of side sets and node sets, by their names, or their numbers if they have none."""
     starts = np.cumsum([0, *(len(nodes) for _, nodes, _ in blocks.values())])
@@ -146,13 +148,12 @@ def _sets(
                     reason = f"names element {int(elements[wrong][0]) + 1}" if wrong.any() else "has other counts"
                     raise ValueError(f"side set {name!r} {reason} than the {int(starts[-1])} elements that there are")
                 parts = [np.empty(0, dtype=np.int64)]
-                for (cell, of, shell), start in zip(blocks.values(), starts, strict=False):
+                for (cell, of, table), start in zip(blocks.values(), starts, strict=False):
                     own = (elements >= start) & (elements < start + len(of))
-                    if shell and plane:
+                    if table is SHELLS and plane:
                         own &= (sides != 1) & (sides != 2)
                     if own.any():
-                        table = SHELLS if shell else SIDES
-                        parts.append(side_nodes(points, cell, of[elements[own] - start], sides[own], table))
+                        parts.append(side_nodes(cell, of[elements[own] - start], sides[own], table))
                 nodes = np.concatenate(parts)
             found[name].append((0 if kind == "ns" else points.shape[1] - 1, nodes))
     return found

@@ -26,7 +26,7 @@ _BY_GMSH = (
     "Gmsh reads it: gmsh FILE -save -format msh41 -o mesh.msh; pip install 'mesh-motion-server[mesh]' brings gmsh"
 )
 _BY_MFEM = "read are the versions 1.0, 1.2 and 1.3; MFEM refines, or writes for others: Mesh::PrintVTK"
-_BY_PARAVIEW = "ParaView reads it: File, Save Data, with the ending .vtu"
+_BY_PARAVIEW = "ParaView reads it: filter Merge Blocks, then File, Save Data, with the ending .vtu"
 _BY_MESHIO = "meshio reads it: pip install meshio, meshio convert FILE mesh.vtu"
 _BY_ITS_PROGRAM = "its program exports others that are read, as CGNS or Fluent's .msh"
 

@@ -235,7 +235,10 @@ def _numbers(item: int | range) -> Integers:
 
 def _mesh(path: Path, found: _Content) -> MeshFile:
     if not found.points or not found.elements:
-        raise InvalidInput(f"{path}: no nodes, or no elements of a volume or a plane")
+        raise InvalidInput(
+            f"{path}: no nodes, or no elements of a volume or a plane",
+            hint="beams, springs and networks are no cells: give the mesh of the space that moves",
+        )
     rows, points = NumberedRows.of(np.concatenate(found.numbers)), np.concatenate(found.points)
     blocks = [replace(block, nodes=rows(block.nodes)) for block in found.elements]
     cells = [(block.name, block.nodes) for block in blocks]
@@ -244,7 +247,7 @@ def _mesh(path: Path, found: _Content) -> MeshFile:
     for name, parts in found.surfaces.items():
         for items, side in parts:
             own = np.array([int(items)]) if items.isdigit() else _flat(found.element_sets, items)
-            for of in _surface(points, blocks, own, side, plane=dimension == 2):
+            for of in _surface(blocks, own, side, plane=dimension == 2):
                 parts_of[name].append((dimension - 1, of.ravel()))
     for name in found.node_sets:
         own = np.unique(_flat(found.node_sets, name))
@@ -273,7 +276,7 @@ def _sides(found: _Content, blocks: list[_Block], dimension: int) -> dict[str, I
     return {name: own for name, own in sets.items() if name not in found.of_elements or not np.isin(own, others).all()}
 
 
-def _surface(points: Floats, blocks: list[_Block], own: Integers, side: str, *, plane: bool) -> Iterator[Integers]:
+def _surface(blocks: list[_Block], own: Integers, side: str, *, plane: bool) -> Iterator[Integers]:
     """Nodes of one side of elements, which may be of several types.
 
     Sides are S1, S2, …. Those of shells are the faces S1 = SNEG and S2 = SPOS, then the edges S3, S4, … of CalculiX,
@@ -291,7 +294,7 @@ def _surface(points: Floats, blocks: list[_Block], own: Integers, side: str, *, 
         number = int(found[2] or 1) + 2 * (found[1] == "E")
         if not (plane and as_shell and number <= 2):
             sides = np.full(len(chosen), number)
-            yield side_nodes(points, block.name, chosen, sides, SHELLS if as_shell else ABAQUS)
+            yield side_nodes(block.name, chosen, sides, SHELLS if as_shell else ABAQUS)
 
 
 def _move(source: Path, target: Path, points: Floats) -> None:
@@ -306,7 +309,10 @@ def _move(source: Path, target: Path, points: Floats) -> None:
                 end = place
                 while end < len(lines) and (not lines[end].startswith(b"*") or lines[end].startswith(b"**")):
                     end += 1
-                rows = sum(bool(line.strip()) and not line.startswith(b"**") for line in lines[place:end])
+                listed = [k for k in range(place, end) if lines[k].strip() and not lines[k].startswith(b"**")]
+                for k in listed:
+                    lines[k] = _complete(lines[k], points.shape[1])
+                rows = len(listed)
                 place = move_rows(lines, place, points[done : done + rows], column=1, comment=b"**")
                 done += rows
         if done < len(points):
@@ -314,6 +320,13 @@ def _move(source: Path, target: Path, points: Floats) -> None:
             raise InvalidInput(f"{source}: {len(points) - done} of its nodes are in files that it includes", hint=hint)
 
     edit_lines(source, target, change)
+
+
+def _complete(row: bytes, dimension: int) -> bytes:
+    """The row of a node with its last coordinates, which may be left out where they are zero."""
+    words = row.rstrip(b", \t\r\n").split(b",")
+    missing = 1 + dimension - len(words)
+    return b",".join([*words, *([b" 0."] * missing)]) + b"\n" if missing > 0 else row
 
 
 _HEAD = re.compile(rb"\A(\s|\*\*.*\n)*\*[A-Za-z]")

@@ -72,7 +72,8 @@ def format_of(path: Path) -> Format:
         return OPENFOAM
     if usual:
         names = " nor ".join(one.name for one in usual)
-        raise InvalidInput(f"{path}: neither {names}: it begins with {head[:40]!r}")
+        other = "another program's? docs/files.md lists what is read: export one of these"
+        raise InvalidInput(f"{path}: neither {names}: it begins with {head[:40]!r}", hint=other)
     known = f"known are {', '.join(SUFFIXES)} and OpenFOAM's folders"
     raise InvalidInput(f"{path}: unknown kind of mesh file; {known}", hint="a case file is named .toml")
 

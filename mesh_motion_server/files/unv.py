@@ -1,6 +1,7 @@
 """Universal files (UNV) of I-DEAS, Salome and Gmsh. Groups of nodes and of elements of the boundary become patches.
 
-https://www.ceas3.uc.edu/sdrluff/: datasets 15, 781, 2411 (nodes), 780, 2412 (elements), 2429 to 2477 (groups).
+https://www.ceas3.uc.edu/sdrluff/: datasets 15, 781, 2411 (nodes), 780, 2412 (elements), 2429 to 2477 (groups),
+757 (nodes whose degrees of freedom are restrained, also taken as patches by OpenFOAM's ideasUnvToFoam).
 """
 
 import re
@@ -27,6 +28,7 @@ _NODE_LINES = {15: 1, 781: 2, 2411: 2}
 _ELEMENT_WORDS = {780: 8, 2412: 6}
 #: Groups: number of numbers for each entity; its type and its number come first.
 _GROUP_WORDS = {2417: 2, 2429: 2, 2430: 2, 2432: 2, 2435: 4, 2452: 4, 2467: 4, 2477: 4}
+_RESTRAINED = 757
 _NODES, _ELEMENTS = 7, 8
 #: A beam has an additional line before its nodes.
 _BEAMS = (11, 21, 22, 23, 24)
@@ -99,6 +101,10 @@ def _content(lines: list[str]) -> _Content:
                     place = _element(found, lines, place, _ELEMENT_WORDS[number])
                 elif number in _GROUP_WORDS:
                     place = _group(found, lines, place, _GROUP_WORDS[number])
+                elif number == _RESTRAINED:
+                    name = re.sub(r"\s*\(\s*\d+\s*\)$", "", lines[place + 1].strip()) or lines[place].strip()
+                    found.groups.append((name, [int(line.split()[0]) for line in lines[place + 2 : end]], []))
+                    place = end
                 else:
                     break
                 if place > end:

@@ -1,10 +1,14 @@
 import re
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from mesh_motion_protocol.errors import InvalidInput
 
 from mesh_motion_server.cases.case import read_case
+from mesh_motion_server.cases.check import check
+from mesh_motion_server.files import read_mesh, write_mesh
 
 
 def test_every_key_of_the_format_is_taken(tmp_path: Path) -> None:
@@ -92,6 +96,19 @@ def test_what_does_not_fit_is_named_in_one_line(make_case, old: str, new: str, m
     assert re.search(message, text)
     assert text.startswith(f"{path}: ")
     assert "\n" not in text
+
+
+def test_a_free_patch_is_left_out(make_case) -> None:
+    """A set of all nodes, as finite-element programs write it, would be fixed, or move with the body."""
+    path = make_case(('outer = "fixed"', 'outer = "fixed"\nall_nodes = "free"'))
+    mesh = read_mesh(path.parent / "mesh.npz")
+    write_mesh(
+        path.parent / "mesh.npz", replace(mesh, patches={"all_nodes": np.arange(len(mesh.points)), **mesh.patches})
+    )
+    case = read_case(path)
+    assert case.roles == {"block": "moving", "outer": "fixed"}
+    assert list(case.read_mesh().patches) == ["block", "outer"]
+    assert check(path).roles == case.roles
 
 
 @pytest.mark.parametrize(

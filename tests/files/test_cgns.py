@@ -121,6 +121,7 @@ def condition(zone: Any, name: str, listed: str, values: Any, location: str = ""
 
 
 TWO = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0.5, 0.5, 1], [0.5, 0.5, -1], [2, 0.5, 0.0]])
+_WEDGE = np.array([[0, 0, 0], [1, 0, 0], [9, 9, 9], [0, 1, 0], [0, 0, 1], [1, 0, 1], [0, 1, 1.0]])
 #: a pyramid, a tetrahedron next to it, one face of each
 MIXED = [12, 1, 2, 3, 4, 5, 10, 2, 7, 3, 5, 7, 1, 4, 3, 2, 5, 2, 7, 5]
 
@@ -139,6 +140,16 @@ def test_mixed_sections_of_both_versions(tmp_path: Path, offsets: list[int] | No
     assert lists(mesh.patches) == {"floor": [0, 1, 2, 3, 4, 6], "corner": [6]}
 
 
+@pytest.mark.parametrize(("kind", "head"), [(15, []), (21, [15])])
+def test_version_3_0_has_other_numbers_of_types(tmp_path: Path, kind: int, head: list[int]) -> None:
+    """A wedge, whose number is 14 in all other versions, in a section of its own and in a MIXED one."""
+    wedge = [*head, 1, 2, 4, 5, 6, 7]
+    path = make(tmp_path / "m.cgns", _WEDGE, lambda _, zone: section(zone, "cells", kind, 1, 1, wedge))
+    with h5py.File(path, "r+") as file:
+        file["CGNSLibraryVersion/ data"][...] = 3.0
+    np.testing.assert_array_equal(read_mesh(path).cells["wedge"], [[0, 1, 3, 4, 5, 6]])
+
+
 @pytest.mark.parametrize("listed", [False, True])
 def test_sections_are_patches_where_there_are_no_conditions(tmp_path: Path, listed: bool) -> None:
     def fill(base: Any, zone: Any) -> None:
@@ -149,6 +160,33 @@ def test_sections_are_patches_where_there_are_no_conditions(tmp_path: Path, list
 
     mesh = read_mesh(make(tmp_path / "m.cgns", TWO[:4], fill, dimension=2))
     assert (mesh.dimension, mesh.patches["south"].tolist()) == (2, [0, 1])
+
+
+@pytest.mark.parametrize(
+    ("cell", "side", "expected"),
+    [
+        (1, 2, [0, 1, 4]),  # of the pyramid 1, 2, 3, 4, 5
+        (1, 5, [0, 3, 4]),
+        (2, 2, [1, 4, 6]),  # of the tetrahedron 2, 7, 3, 5
+        (2, 1, [1, 2, 6]),
+        (3, 1, "element 3 of section 'wall' names node 0"),  # there is no such cell
+        (1, 1, "element 3 of section 'wall' names node 0"),  # a side of four nodes
+    ],
+)
+def test_faces_that_are_named_as_sides_of_cells_only(tmp_path: Path, cell: int, side: int, expected: Any) -> None:
+    """As IOSS writes them: zeros instead of the nodes."""
+
+    def fill(base: Any, zone: Any) -> None:
+        section(zone, "cells", 20, 1, 2, MIXED[:11])
+        faces = section(zone, "wall", 5, 3, 3, [0, 0, 0])
+        add_node(faces, "ParentElements", "DataArray_t", np.array([[cell], [0]]))
+        add_node(faces, "ParentElementsPosition", "DataArray_t", np.array([[side], [0]]))
+
+    path = make(tmp_path / "m.cgns", TWO, fill)
+    if isinstance(expected, str):
+        one_line(path, expected)
+    else:
+        assert lists(read_mesh(path).patches) == {"wall": expected}
 
 
 def test_another_number_of_cells_than_announced_is_named(tmp_path: Path) -> None:

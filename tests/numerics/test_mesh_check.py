@@ -159,9 +159,12 @@ def test_nothing_moves(mesh):
 
 
 def test_orphan_nodes_are_noticed(mesh):
+    """Once, also if they are in a patch, as the middles of the edges of cells of second order are."""
     mesh.points = np.vstack([mesh.points, [[2.0, 2.0]]])
+    mesh.patches["others"] = Patch("fixed", np.append(mesh.patches["others"].nodes, 25))
     assert mesh.check() == [
-        "1 node belongs to no cell, the first is node 25; they are moved like interior nodes and judged by no cell"
+        "1 node belongs to no cell, the first is node 25; off the patches they are moved like interior nodes, "
+        "and no cell judges them"
     ]
 
 

@@ -162,7 +162,7 @@ def exodus(path: Path) -> None:
     """Exodus as Cubit writes it: side sets of the three patches, by their names."""
     from scipy.io import netcdf_file  # noqa: PLC0415
 
-    numbers = {frozenset(corners): side for side, corners in enumerate(EXODUS["hexahedron"], start=1)}
+    numbers = {frozenset(corners): side for side, corners in enumerate(EXODUS.corners["hexahedron"], start=1)}
     with netcdf_file(path, "w", version=2) as file:
         sizes = {"num_dim": 3, "num_nodes": N**3, "num_elem": 8, "num_el_blk": 1, "num_el_in_blk1": 8, "len_name": 33}
         for name, size in (sizes | {"num_nod_per_el1": 8, "num_side_sets": 3}).items():
@@ -209,7 +209,7 @@ def exodus_hdf5(path: Path) -> None:
 
 def abaqus(path: Path) -> None:
     """An input of CalculiX: a surface by sides, a set of nodes, a set of faces; the set of all nodes is no patch."""
-    numbers = {frozenset(corners): side for side, corners in enumerate(ABAQUS["hexahedron"], start=1)}
+    numbers = {frozenset(corners): side for side, corners in enumerate(ABAQUS.corners["hexahedron"], start=1)}
     wall = ""
     for face in FACES:
         if face.patch == "wall":

@@ -68,7 +68,8 @@ def case_file() -> str:
         rows = [(code(key), _type(model, key), _default(model, key)) for key in model.model_fields]
         parts.append(f"### `{place}`\n\n{table(('key', 'type', 'default'), rows)}")
     roles = ", ".join(code(f'"{role}"') for role in get_args(case.Role))
-    return "\n".join([*parts, f"### `[patches]`\n\nThe name of each boundary patch = its role: {roles}.\n"])
+    free = "A free one is left out: a set of nodes that is no boundary, for example of a material."
+    return "\n".join([*parts, f"### `[patches]`\n\nThe name of each boundary patch = its role: {roles}. {free}\n"])
 
 
 def _type(model: type[BaseModel], key: str) -> str:

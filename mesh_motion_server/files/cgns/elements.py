@@ -6,6 +6,7 @@ Element numbers continue through all sections. Before version 4 (in fact 3.4) MI
 https://cgns.github.io/CGNS_docs_current/sids/conv.html#unstructgrid
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,12 +33,16 @@ _WIDTHS |= {kind: width for kind, (_, width) in _SECOND.items()} | {NODE: 1}
 
 @dataclass(frozen=True, eq=False)
 class Elements:
-    """Elements of one type: nodes (m, k) counted from 0, corners first, and element numbers (m,) in the zone."""
+    """Elements of one type: nodes (m, k) counted from 0, corners first, and element numbers (m,) in the zone.
+
+    ``parents`` (m, 2): the cell and the side of it that each element is, if the section has zeros instead of nodes.
+    """
 
     name: str
     nodes: Integers
     numbers: Integers
     section: str
+    parents: Integers | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,15 +65,21 @@ class ListedElements:
         return self.first + np.arange(len(self.starts) - 1)
 
 
-def read_elements(section: Node) -> list[Elements | ListedElements]:
-    """Read the elements of one section.
+def _since_3_1(kind: int) -> int:
+    """The number that a type of version 3.0 has since version 3.1, which moved PYRA_13 from 13 to 21."""
+    return {13: 21}.get(kind, kind - 1) if 13 <= kind <= 21 else kind
+
+
+def read_elements(section: Node, version: float = 4.0) -> list[Elements | ListedElements]:
+    """Read the elements of one section; ``version`` is that of the file.
 
     Raises
     ------
     InvalidInput
         For types of third and higher order, and for wrong counts.
     """
-    kind = int(_first(section, section.integers(), 2)[0])
+    numbered = _since_3_1 if 3.0 <= version < 3.1 else int
+    kind = numbered(int(_first(section, section.integers(), 2)[0]))
     low, high = (int(v) for v in _first(section, _array(section, "ElementRange"), 2))
     connectivity = _array(section, "ElementConnectivity")
     count = high - low + 1
@@ -78,7 +89,7 @@ def read_elements(section: Node) -> list[Elements | ListedElements]:
         starts, entries = _listed(section, connectivity, count)
         return [ListedElements(kind, section.name, starts, entries, low, _parents(section, count))]
     if kind == MIXED:
-        return _mixed(section, connectivity, low, count)
+        return _mixed(section, connectivity, low, count, numbered)
     if kind not in _NAMES:
         raise section.refused(
             f"elements of CGNS' type {kind}; known are {', '.join(TYPES.values())} of first and second "
@@ -88,7 +99,9 @@ def read_elements(section: Node) -> list[Elements | ListedElements]:
     width = _WIDTHS[kind]
     if len(connectivity) != count * width:
         raise section.refused(f"{count} elements of {width} nodes, but a connectivity of {len(connectivity)} entries")
-    return [Elements(_NAMES[kind], connectivity.reshape(count, width) - 1, np.arange(low, high + 1), section.name)]
+    nodes, numbers = connectivity.reshape(count, width) - 1, np.arange(low, high + 1)
+    parents = None if connectivity.any() else _cell_and_side(section, count)
+    return [Elements(_NAMES[kind], nodes, numbers, section.name, parents)]
 
 
 def _array(section: Node, name: str) -> Integers:
@@ -134,12 +147,14 @@ def _listed(section: Node, connectivity: Integers, count: int) -> tuple[Integers
     return starts, np.delete(connectivity, starts[:-1] + np.arange(count))
 
 
-def _mixed(section: Node, connectivity: Integers, low: int, count: int) -> list[Elements | ListedElements]:
+def _mixed(
+    section: Node, connectivity: Integers, low: int, count: int, numbered: Callable[[int], int]
+) -> list[Elements | ListedElements]:
     """Elements of a MIXED section: the type precedes the nodes."""
     starts = _offsets(section, len(connectivity), count)
     if starts is None:
-        starts = _walked(section, connectivity, count)
-    kinds = connectivity[starts[:-1]]
+        starts = _walked(section, connectivity, count, numbered)
+    kinds = np.array([numbered(kind) for kind in connectivity[starts[:-1]].tolist()])
     found: list[Elements | ListedElements] = []
     for kind in np.unique(kinds):
         rows = np.flatnonzero(kinds == kind)
@@ -155,13 +170,13 @@ def _mixed(section: Node, connectivity: Integers, low: int, count: int) -> list[
     return found
 
 
-def _walked(section: Node, connectivity: Integers, count: int) -> Integers:
+def _walked(section: Node, connectivity: Integers, count: int, numbered: Callable[[int], int]) -> Integers:
     """(count + 1,) start of each element of a MIXED section, found from the types before the nodes."""
     starts = np.empty(count + 1, dtype=np.int64)
     place, values = 0, connectivity.tolist()
     for element in range(count):
         starts[element] = place
-        kind = values[place] if place < len(values) else 0
+        kind = numbered(values[place]) if place < len(values) else 0
         if kind not in _WIDTHS:
             raise section.refused(
                 f"element {element} of the section is of CGNS' type {kind}; cells of first and second order are read"
@@ -175,10 +190,21 @@ def _walked(section: Node, connectivity: Integers, count: int) -> Integers:
 
 def _parents(section: Node, count: int) -> Integers | None:
     """(count, 2) the cells on both sides of each face; HDF5 has the arrays of CGNS transposed."""
-    node = section.child("ParentElements")
+    return _pairs(section, "ParentElements", count)
+
+
+def _cell_and_side(section: Node, count: int) -> Integers | None:
+    """(count, 2) the cell of each face, and which of its sides the face is."""
+    cells, sides = (_pairs(section, f"ParentElements{what}", count) for what in ("", "Position"))
+    return None if cells is None or sides is None else np.column_stack([cells[:, 0], sides[:, 0]])
+
+
+def _pairs(section: Node, name: str, count: int) -> Integers | None:
+    """(count, 2) an array about both sides of each face, if the section has it."""
+    node = section.child(name)
     if node is None:
         return None
     values = node.integers()
     if len(values) != 2 * count:
-        raise section.refused(f"{count} faces, but {len(values)} parents")
+        raise section.refused(f"{count} faces, but {len(values)} values in {name}")
     return values.reshape(2, count).T

@@ -26,6 +26,8 @@ from mesh_motion_server.files.mesh_file import MeshFile, assemble, assemble_elem
 from mesh_motion_server.files.moved import copied_hdf5
 from mesh_motion_server.files.polyhedra.cells import find_cells
 from mesh_motion_server.files.polyhedra.pieces import divide
+from mesh_motion_server.files.sides import CGNS as SIDES
+from mesh_motion_server.files.sides import side_nodes
 from mesh_motion_server.files.vtk.pieces import PatchKey
 
 __all__ = ["CGNS", "read_cgns"]
@@ -48,9 +50,12 @@ def read_cgns(path: Path, zone: str = "") -> MeshFile:
             return replace(read_structured(path, base, nodes, [_points(node) for node in nodes]), zone=zone)
         (node,) = nodes
         points = _points(node)
-        parts = [part for section in node.children("Elements_t") for part in read_elements(section)]
+        written = root.child("CGNSLibraryVersion")
+        version = float(written.reals()[0]) if written is not None else 4.0
+        parts = [part for section in node.children("Elements_t") for part in read_elements(section, version)]
         listed = [part for part in parts if isinstance(part, ListedElements)]
         fixed = [part for part in parts if isinstance(part, Elements)]
+        fixed = [_on_its_cells(part, fixed) for part in fixed]
         for part in fixed:
             _check_nodes(node, part, len(points))
         mesh = (
@@ -108,6 +113,21 @@ def _points(zone: Node) -> Floats:
         if len(column) != expected:
             raise zone.refused(f"{expected} nodes, but {len(column)} values of {axis}")
     return np.column_stack(columns)
+
+
+def _on_its_cells(part: Elements, parts: list[Elements]) -> Elements:
+    """The elements with the nodes of their cells' sides, where the section has zeros instead, as IOSS writes it."""
+    if part.parents is None:
+        return part
+    (cells, sides), nodes = part.parents.T, part.nodes.copy()
+    for of in parts:
+        for side in range(1, 1 + len(SIDES.corners.get(of.name, ()))):
+            rows = np.flatnonzero((sides == side) & np.isin(cells, of.numbers))
+            own = of.nodes[np.searchsorted(of.numbers, cells[rows])]
+            found = side_nodes(of.name, own, sides[rows], SIDES)
+            if len(rows) and len(found) == nodes[rows].size:
+                nodes[rows] = found.reshape(len(rows), -1)
+    return replace(part, nodes=nodes)
 
 
 def _check_nodes(zone: Node, part: Elements, n_points: int) -> None:

@@ -13,7 +13,7 @@ from mesh_motion_server.files.packages import check_unpacked, load_h5py
 
 __all__ = ["Document", "dtype_of", "item_type", "kind_of"]
 
-_INCLUDE = "{http://www.w3.org/2001/XInclude}include"
+_INCLUDE = re.compile(r"\{http://www.w3.org/200[13]/XInclude\}include")  # the second one is meshio's
 _CHOICE = re.compile(r"/\*\[((?:\s*(?:or)?\s*self::\w+)+)\s*\]$")
 _KINDS = {"float": "f", "int": "i", "uint": "u", "char": "i", "uchar": "u", "short": "i", "ushort": "u"}
 _SHORT = {"char": 1, "uchar": 1, "short": 2, "ushort": 2}
@@ -62,7 +62,7 @@ class Document:
         found = []
         for child in parent:
             listed = [child]
-            if child.tag == _INCLUDE:  # of several elements in one place, XDMF uses the first
+            if _INCLUDE.fullmatch(child.tag):  # of several elements in one place, XDMF uses the first
                 listed = self.found(child.get("xpointer", ""))
                 listed = listed if len({one.tag for one in listed}) == len(listed) else listed[:1]
             elif child.get("Reference"):

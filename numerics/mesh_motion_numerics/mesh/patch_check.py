@@ -74,19 +74,25 @@ def _check_nodes(n: int, name: str, nodes: NDArray[np.integer]) -> None:
         )
 
 
-def patch_warnings(boundary: Integers, patches: Mapping[str, Patch], resting: Integers) -> list[str]:
+def patch_warnings(boundary: Integers, orphans: Integers, patches: Mapping[str, Patch], resting: Integers) -> list[str]:
     """Warnings about usable patches.
 
     Parameters
     ----------
     boundary : (b,) array
         Nodes on the boundary of the mesh.
+    orphans : (o,) array
+        Nodes in no cell, such as those between the corners of cells of second order; they are not inside the mesh.
     patches : mapping of name to Patch
         Checked by :func:`check_patches`.
     resting : (r,) array
         Result of :func:`nodes_behind_fixed`.
     """
-    return [*_inside(boundary, patches), *_uncovered(boundary, patches, resting), *_shared(patches)]
+    return [
+        *_inside(np.union1d(boundary, orphans), patches),
+        *_uncovered(boundary, patches, resting),
+        *_shared(patches),
+    ]
 
 
 def nodes_behind_fixed(
@@ -125,11 +131,11 @@ def _parts(n: int, cells: CellTable, joined: Marks, coincident: Integers) -> Int
     return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
 
 
-def _inside(boundary: Integers, patches: Mapping[str, Patch]) -> list[str]:
-    """A warning about patch nodes that are not on the boundary."""
+def _inside(usual: Integers, patches: Mapping[str, Patch]) -> list[str]:
+    """A warning about patch nodes that are not among the usual ones: they are inside the mesh."""
     found = []
     for name, patch in patches.items():
-        inside = np.setdiff1d(patch.nodes, boundary)
+        inside = np.setdiff1d(patch.nodes, usual)
         if len(inside):
             found.append(
                 f"patch {name!r}: {_nodes(len(inside))} not on the boundary of the mesh, the first is node {inside[0]}"

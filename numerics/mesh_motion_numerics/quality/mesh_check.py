@@ -94,9 +94,10 @@ def checked_mesh(points: Floats, cells: CellTable, patches: Mapping[str, Patch])
     refuse_split_facets(cells, floating)
     checked = np.union1d(boundary, np.concatenate([patch.nodes for patch in patches.values()]))
     pairs = coincident_nodes(points, checked)
-    odd = [*read.warnings, *_coincident(pairs), *_orphans(len(points), cells)]
+    orphans = nodes_in_no_cell(len(points), cells)
+    odd = [*read.warnings, *_coincident(pairs), *_orphans(orphans)]
     resting = nodes_behind_fixed(len(points), cells, boundary, patches, pairs)
-    return CheckedMesh(cells, sizes, [*odd, *patch_warnings(boundary, patches, resting)], resting, pairs)
+    return CheckedMesh(cells, sizes, [*odd, *patch_warnings(boundary, orphans, patches, resting)], resting, pairs)
 
 
 def checked_cells(points: Floats, cells: CellTable) -> OrientedCells:
@@ -232,12 +233,11 @@ def nodes_in_no_cell(n: int, cells: CellTable) -> Integers:
     return np.flatnonzero(~used)
 
 
-def _orphans(n: int, cells: CellTable) -> list[str]:
-    """A warning for nodes in no cell."""
-    orphans = nodes_in_no_cell(n, cells)
+def _orphans(orphans: Integers) -> list[str]:
+    """A warning for nodes (o,) in no cell."""
     if not len(orphans):
         return []
     return [
         f"{len(orphans)} node{'s belong' if len(orphans) > 1 else ' belongs'} to no cell, the first is node "
-        f"{orphans[0]}; they are moved like interior nodes and judged by no cell"
+        f"{orphans[0]}; off the patches they are moved like interior nodes, and no cell judges them"
     ]
