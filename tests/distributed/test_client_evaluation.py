@@ -262,7 +262,6 @@ def test_increments_and_faces_are_refused(server):
 
 
 def raw_field(session):
-    """The committed field as it is stored."""
     fetched = session._courier.deliver(Fetch(**session._address), Fetched, PATIENCE)
     return fetched.coefficients.tobytes(), fetched.points.tobytes()
 

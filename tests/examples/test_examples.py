@@ -43,8 +43,6 @@ def server() -> Iterator[Server]:
 
 @pytest.fixture
 def playing(server: Server, tmp_path: Path):
-    """Play some of an example's steps."""
-
     def play_example(name: str, steps: int) -> Played:
         folder = tmp_path / name
         shutil.copytree(EXAMPLES / name, folder)

@@ -99,7 +99,6 @@ class _Worker(workers.Worker):
     held: Held
 
     def serve(self, frames: list[Frame]) -> None:
-        """One request."""
         self.wire.incoming.append(frames)
         self._receive()
         self._report()
@@ -109,7 +108,6 @@ class _Worker(workers.Worker):
         self._report()
 
     def obey(self, order: dict[str, Any]) -> None:
-        """One order."""
         self.line.order = order
         self._obey()
 
@@ -128,7 +126,6 @@ class _Control(Control):
     """Control that does not wait before it says NOT_FOUND."""
 
     def hurry(self) -> None:
-        """Say now what was to be said later."""
         while self._later.waiting:
             _, peer, frame = self._later.waiting.popleft()
             self._send(peer, frame)
@@ -141,11 +138,9 @@ class _Hosts:
         self._options: dict[str, Any] = {"clock": clock, "build_model": build_model or build_motion_model}
 
     def create(self, spec: Any, store: Any, *, limits: ServerSettings) -> SessionHost:
-        """A new session's."""
         return SessionHost.create(spec, store, limits=limits, **self._options)
 
     def resume(self, session: str, token: bytes, store: Any, *, limits: ServerSettings, progress: Any) -> SessionHost:
-        """A stored session's."""
         return SessionHost.resume(session, token, store, limits=limits, progress=progress, **self._options)
 
 
@@ -203,12 +198,10 @@ class InProcessServer:
         self.start()
 
     def halt(self) -> None:
-        """Nothing runs any more but the caller."""
         for worker in self._children.values():
             _end_thread(worker.host)
 
     def kill(self, session: str) -> None:
-        """SIGKILL for one worker."""
         self._todo.append((self._child(session), None))
         self._work()
 
@@ -240,11 +233,9 @@ class InProcessServer:
         return worker.host if worker else None
 
     def end_lease(self, session: str) -> Replies:
-        """The lease of a session ends."""
         return self._replies(session, _Worker.end_lease)
 
     def wait(self, session: str, seconds: float) -> Replies:
-        """Time passes for a session."""
         self.now += seconds
         return self._replies(session, lambda worker: worker.expire(self.now))
 
@@ -287,7 +278,6 @@ class InProcessServer:
         self._control.hurry()
 
     def _begin(self, child: Child, order: dict[str, Any]) -> None:
-        """What a worker's process does with its order."""
         held, wire = Held(self.files), Socket()
         try:
             host = template._host(order, self._hosts, _Store(held), self._settings, silent)

@@ -124,7 +124,6 @@ def places(d: int, n: int = 3000) -> Array:
 
 
 def nested_spline(d: int, k: int) -> NestedSpline:
-    """A fine box in a coarse one."""
     cells = np.array([[4, 4, 4], [5, 6, 7]]) * (np.arange(3) < d)
     counts = np.prod(np.where(cells > 0, cells + 3, 1), axis=1)
     origin, inverse = np.array([[0.3] * 3, [0.0] * 3]), np.array([20.0, 5.0])

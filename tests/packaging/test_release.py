@@ -46,7 +46,6 @@ def ready(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def clone(ready: Path, tmp_path: Path) -> Path:
-    """A copy of it that a test may spoil."""
     return Path(shutil.copytree(ready, tmp_path / "clone", symlinks=True))
 
 

@@ -26,7 +26,6 @@ PATHS = os.pathsep.join(str(ROOT / part) for part in (".", "adapters/python"))
 
 @functools.cache
 def python_with(*modules: str) -> str | None:
-    """A Python that imports these."""
     for python in PYTHONS:
         command = [python, "-c", "import " + ", ".join(modules)]
         if Path(python).exists() and subprocess.run(command, capture_output=True, check=False).returncode == 0:
