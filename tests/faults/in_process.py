@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from mesh_motion_protocol.errors import DataLoss
-from mesh_motion_protocol.limits import default_limits
+from mesh_motion_protocol.limits import FRAME_BYTES, HEADER_BYTES, default_limits
 
 from mesh_motion_server.operation.disk_watch import DiskWatch
 from mesh_motion_server.security.allow_list import Entry, write_entries
@@ -25,7 +25,7 @@ from mesh_motion_server.session.journal.relaxed import RelaxedKeeper
 from mesh_motion_server.session.model import build_motion_model
 from mesh_motion_server.session.replay import silent
 from mesh_motion_server.session.store import SessionStore
-from mesh_motion_server.settings import DURABILITY_LEVELS, ServerSettings
+from mesh_motion_server.settings import ServerSettings
 from mesh_motion_server.transport import template
 from mesh_motion_server.transport import worker as workers
 from mesh_motion_server.transport.control import Control
@@ -152,7 +152,7 @@ class InProcessServer:
     refuses.
     """
 
-    def __init__(self, protection: Protection, build_model: Any, settings: ServerSettings) -> None:
+    def __init__(self, protection: Protection | None, build_model: Any, settings: ServerSettings) -> None:
         self.files = ModelFiles()
         self.now = 0.0
         self.ended: dict[str, Any] = {}
@@ -167,7 +167,7 @@ class InProcessServer:
 
     def start(self) -> None:
         """A new supervisor and gateway, over whatever is on the disk."""
-        self._wire = Socket()
+        self._wire, self.endpoint = self._bound(HEADER_BYTES)
         access = Protection.access(self._protection)
         registry = Registry(_Store(self.files))
         disk = DiskWatch(self._settings.state_folder)
@@ -176,7 +176,7 @@ class InProcessServer:
             "server": "in-process",
             "boot": bytes(16),
             "limits": default_limits() | self._settings.limits(),
-            "durability": list(DURABILITY_LEVELS),
+            "durability": list(self._settings.durability),
         }
         line = Line(lambda m: self._control.request(m["peer"], m["user"], m["frame"]))
         self._gateway = Gateway(line, self._wire, welcome, protection=self._protection)  # type: ignore[arg-type]
@@ -241,6 +241,10 @@ class InProcessServer:
 
     # --- inside ------------------------------------------------------------------------------------------------------
 
+    def _bound(self, message_bytes: int) -> tuple[Any, str]:
+        """A socket that takes frames of so many bytes, and its endpoint."""
+        return Socket(), "inproc://nowhere"
+
     def _replies(self, session: str, do: Callable[[_Worker], None]) -> Replies:
         """What a session's worker sends when this is done to it, and what else follows has come."""
         child = self._child(session)
@@ -258,7 +262,7 @@ class InProcessServer:
         return child  # type: ignore[no-any-return]
 
     def _to_peer(self, peer: bytes, frame: bytes) -> None:
-        self._wire.send_multipart([peer, frame])
+        self._gateway._send(peer, [frame])
 
     def _start_worker(self, order: dict[str, Any]) -> Any:
         child = Child(lambda child, order: self._todo.append((child, order)))
@@ -278,7 +282,7 @@ class InProcessServer:
         self._control.hurry()
 
     def _begin(self, child: Child, order: dict[str, Any]) -> None:
-        held, wire = Held(self.files), Socket()
+        held = Held(self.files)
         try:
             host = template._host(order, self._hosts, _Store(held), self._settings, silent)
         except Exception as error:
@@ -286,12 +290,12 @@ class InProcessServer:
             self._reported(child, {"event": "failed"} | template._failure(error))
             self._gone(child, 1)
             return
-        line = Line(lambda event: self._reported(child, event))
+        line, (wire, endpoint) = Line(lambda event: self._reported(child, event)), self._bound(FRAME_BYTES)
         rights = Rights(self._protection, order["owner"])
         worker = _Worker(line, wire, host, self._settings, rights)  # type: ignore[arg-type]
         worker.wire, worker.line, worker.host, worker.held = wire, line, host, held
         self._children[child] = worker
-        serving = {"event": "serving", "endpoint": "inproc://" + host.session, "label": host.label}
+        serving = {"event": "serving", "endpoint": endpoint, "label": host.label}
         about = {"partitions": host.partitions, "epoch": host.epoch, "state": str(host.state), "step": host.step}
         self._reported(child, serving | about)
 
