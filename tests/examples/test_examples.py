@@ -4,13 +4,12 @@ import json
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 from loaded_scripts import loaded
-from mesh_motion_client import Server, connect
+from mesh_motion_client import Server
 
 from mesh_motion_server.cases.case import read_case
 from mesh_motion_server.cases.check import check
@@ -33,12 +32,6 @@ PLAYED = {
     "thesis_rotation": (1, 0.9 * 0.414),
     "turek_hron_flag": (7, 0.4),
 }
-
-
-@pytest.fixture(scope="module")
-def server() -> Iterator[Server]:
-    with connect() as server:
-        yield server
 
 
 @pytest.fixture
