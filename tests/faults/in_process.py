@@ -211,7 +211,8 @@ class InProcessServer:
         """A message at the control endpoint, and all replies that are due."""
         self._gateway._take(peer, USERS[user], [bytes(frame) for frame in frames])
         self._work()
-        return self._wire.take_sent()
+        replies: Replies = self._wire.take_sent()
+        return replies
 
     def data(self, session: str, user: str, peer: bytes, frames: Sequence[Any]) -> Replies:
         """A message at a session's data endpoint, and all replies that are due; KeyError without a worker."""
