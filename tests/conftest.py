@@ -4,7 +4,6 @@ import fcntl
 import gc
 import logging
 import os
-import shutil
 import signal
 import subprocess
 from collections.abc import Callable, Iterator
@@ -12,6 +11,8 @@ from pathlib import Path
 
 import pytest
 from hypothesis import settings
+from mesh_motion_client import Server, connect
+from programs import need
 
 from mesh_motion_server import failpoints
 from mesh_motion_server.transport.processes import repeatable_libraries
@@ -89,11 +90,15 @@ def libraries_of_their_own() -> Iterator[None]:
 
 
 @pytest.fixture(scope="session")
+def server() -> Iterator[Server]:
+    with connect() as server:
+        yield server
+
+
+@pytest.fixture(scope="session")
 def c_kernels(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of the kernels installed as a C library; compiled once for all processes that run tests."""
-    for tool in ("cmake", "g++"):
-        if shutil.which(tool) is None:
-            pytest.skip(f"{tool} is not installed")
+    need("cmake", "g++")
     base = tmp_path_factory.getbasetemp()
     folder = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "c_kernels"
     folder.mkdir(exist_ok=True)

@@ -32,7 +32,6 @@ def called(source: str) -> list[str]:
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Iterator[Path]:
-    """A folder in force."""
     (tmp_path / "points").mkdir(mode=0o700)
     assert activate({VARIABLE: str(tmp_path / "points")}) == tmp_path / "points"
     yield tmp_path / "points"

@@ -52,7 +52,6 @@ ALLOWED = {
 
 
 def forbidden(module: str) -> tuple[str, ...]:
-    """Prefixes that the module may not import."""
     package, *inner = module.split(".")
     if package == "mesh_motion_precice":  # of the server it takes how text is shown; scipy's k-d tree
         above = (*LAYERS, "cases", "commands", "files")

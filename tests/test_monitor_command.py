@@ -95,8 +95,6 @@ def test_what_cannot_be_shown_is_said(state: Path, arguments: list[str], status:
 
 
 class Terminal:
-    """The program in a pseudo-terminal."""
-
     def __init__(self, *arguments: object, size: tuple[int, int] = (24, 80), **environment: str) -> None:
         self.output = ""
         self._end, inner = pty.openpty()
@@ -133,7 +131,6 @@ class Terminal:
         return self.process.wait(_PATIENCE)
 
     def ended(self) -> int:
-        """Read to the end, and the exit status."""
         self.until("no such text")
         os.close(self._end)
         return self.process.wait(_PATIENCE)

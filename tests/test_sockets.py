@@ -45,7 +45,6 @@ def functions_without_limits(text: str) -> Iterator[str]:
 
 
 def connections_without_time(text: str) -> Iterator[str]:
-    """Raw connections that wait for ever."""
     for node in ast.walk(ast.parse(text)) if "create_connection(" in text else ():
         if isinstance(node, ast.Call) and ast.unparse(node.func).endswith("create_connection"):
             yield from (

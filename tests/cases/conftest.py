@@ -1,12 +1,11 @@
 """A small case that tests vary: a square of triangles with a square hole, which moves."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
-from mesh_motion_client import Server, connect
 
 from mesh_motion_server.files import MeshFile, write_npz
 
@@ -67,9 +66,3 @@ def make_case(tmp_path: Path) -> MakeCase:
 @pytest.fixture(scope="module")
 def make_module_case(tmp_path_factory: pytest.TempPathFactory) -> MakeCase:
     return partial(case_in, tmp_path_factory.mktemp("module") / "case")
-
-
-@pytest.fixture(scope="session")
-def server() -> Iterator[Server]:
-    with connect() as server:
-        yield server

@@ -82,7 +82,6 @@ class StandIn:
 
 
 def faces_at(angle: float) -> dict[str, Any]:
-    """What MOVED says of the faces of a mesh."""
     worst = [{"cell": k, "centre": [0.5, 0.5], "non_orthogonality": angle - k} for k in range(10)]
     above = {"faces_above_65": int(angle > 65), "faces_above_75": 0}
     return {"faces": 40, "max_non_orthogonality": angle, "max_skewness": angle / 40, "min_volume_ratio": 0.5,

@@ -28,7 +28,6 @@ class PlainServer(ServerProcess):
         return [str(HERE / "run_server.py"), json.dumps(self.settings), str(ready)]
 
     def moves(self):
-        """How many moves were computed."""
         with contextlib.suppress(OSError):
             return len((self.folder / "moves").read_text().splitlines())
         return 0
@@ -90,7 +89,6 @@ def keyed_server(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def lasting_server(server_with):
-    """One server for a module."""
     return server_with()
 
 

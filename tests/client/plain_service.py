@@ -37,12 +37,9 @@ class WaitingModel(PlainModel):
 
 
 class SessionHost(RealHost):
-    """The real one, with the plain model."""
-
     create = partial(RealHost.create, build_model=WaitingModel)
     resume = partial(RealHost.resume, build_model=WaitingModel)
 
 
 def main(channel, level):
-    """What the template runs."""
     return template.main(channel, level, lambda: (SessionHost, SessionStore))

@@ -22,7 +22,6 @@ def large_mesh():
 
 @pytest.fixture
 def taken(monkeypatch):
-    """What was offered with each MOVE."""
     offered, take = [], ReplyMemory.take
 
     def refuse(self):

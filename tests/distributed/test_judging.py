@@ -31,7 +31,6 @@ def quality(count: int, seed: int) -> CellQuality:
 
 
 def fields(number: int, further: Questions = ()) -> dict[str, Any]:
-    """What a rank sends."""
     own = quality(RANKS[number], number)
     values = {name: own.metric(name) for name in ("size", "skew", METRIC)}
     worst = smallest(values[METRIC], 10)

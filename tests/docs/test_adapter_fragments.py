@@ -4,13 +4,13 @@ The fragments of adapters/c/README.md and adapters/precice/README.md.
 """
 
 import re
-import shutil
 import subprocess
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from mesh_motion_precice import read_configuration
+from programs import need
 
 ROOT = Path(__file__).parents[2]
 ADAPTER = ROOT / "adapters" / "c"
@@ -67,8 +67,7 @@ def program(language: str, fragment: str) -> str:
 def compiled(language: str, text: str, folder: Path) -> subprocess.CompletedProcess[str]:
     """What the compiler says of its syntax and its types."""
     compiler = COMPILERS[language]
-    if shutil.which(compiler[0]) is None:
-        pytest.skip(f"{compiler[0]} is not installed")
+    need(compiler[0])
     if language == "fortran":
         module = [*compiler, "-fsyntax-only", f"-J{folder}", ADAPTER / "fortran" / "mesh_motion.f90"]
         subprocess.run(module, check=True)

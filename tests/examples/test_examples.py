@@ -4,13 +4,12 @@ import json
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 from loaded_scripts import loaded
-from mesh_motion_client import Server, connect
+from mesh_motion_client import Server
 
 from mesh_motion_server.cases.case import read_case
 from mesh_motion_server.cases.check import check
@@ -35,16 +34,8 @@ PLAYED = {
 }
 
 
-@pytest.fixture(scope="module")
-def server() -> Iterator[Server]:
-    with connect() as server:
-        yield server
-
-
 @pytest.fixture
 def playing(server: Server, tmp_path: Path):
-    """Play some of an example's steps."""
-
     def play_example(name: str, steps: int) -> Played:
         folder = tmp_path / name
         shutil.copytree(EXAMPLES / name, folder)

@@ -47,11 +47,9 @@ class Action(NamedTuple):
 
 
 def story(actions: list[Action]) -> str:
-    """Actions as text."""
     return " ".join(map(str, actions))
 
 
 def read_story(text: str) -> list[Action]:
-    """Text as actions."""
     parts = [word.split("/") for word in text.split()]
     return [Action(what, ALL if p == "*" else int(p), twist, int(value)) for what, p, twist, value in parts]

@@ -84,7 +84,6 @@ class Target:
         return {pid: usage_of(pid) for pid in descendants(self._process)}
 
     def step(self) -> None:
-        """Move and commit."""
         rows = np.full((len(self._session.moving_nodes), 2), 1e-3 * (-1) ** self._session.step)
         self._session.move(rows, frame="committed")
         self._session.commit()
@@ -110,7 +109,6 @@ class Target:
         self._calm = {pid: Usage(calm.files, now[pid].resident_bytes) for pid, calm in self._calm.items()}
 
     def close(self) -> None:
-        """End the session and what is connected."""
         self._session.close("discard")
         self._control.close()
         self._server.close()
@@ -118,7 +116,6 @@ class Target:
 
 @contextmanager
 def target(name: str) -> Iterator[Target]:
-    """A server of its own on this machine."""
     with tempfile.TemporaryDirectory(prefix="mesh-motion-prove-") as folder, ExitStack() as stack:
         keys = make_keys(Path(folder)) if name == "with keys" else None
         settings: dict[str, Any] = {"keys_folder": str(Path(folder) / "keys")} if keys else {}
@@ -156,7 +153,6 @@ def attack(targets: Sequence[Target], seed: int, budget: Budget) -> tuple[Counte
 
 
 def _single_attacks(target: Target, endpoint: str, seed: int) -> None:
-    """Those that need not be made often."""
     with half_open(endpoint, seed=seed, count=_SILENT) as held:
         require(all(ended(raw) for raw in held), f"the server {target.name} keeps silent connections")
     taken = oversized_hello(endpoint, 300 * _MIB)

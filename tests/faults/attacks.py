@@ -32,7 +32,6 @@ def ended(raw: socket.socket) -> bool:
 
 
 def connection(endpoint: str) -> socket.socket:
-    """A bare connection."""
     if endpoint.startswith("ipc://"):
         raw = socket.socket(socket.AF_UNIX)
         raw.settimeout(_SECONDS)
@@ -148,7 +147,6 @@ def _cut_greeting(rng: random.Random) -> bytes:
 
 
 def _flipped(rng: random.Random) -> bytes:
-    """A correct opening with some bits turned."""
     data = bytearray(greeting(b"NULL") + ready(Identity=rng.randbytes(rng.randrange(1, 64))))
     for _ in range(rng.randrange(1, 8)):
         data[rng.randrange(len(data))] ^= 1 << rng.randrange(8)

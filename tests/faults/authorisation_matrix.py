@@ -37,12 +37,10 @@ _NEED_TOKEN = ("PROBE", "RESUME", "JOIN")
 
 
 def address_of(held: Holder) -> dict[str, Any]:
-    """Where requests of a session go, and its token."""
     return {"session": held.session, "epoch": held.epoch, "token": held.token, "step": 1}
 
 
 def known(held: Holder) -> tuple[str, bytes]:
-    """Id and token."""
     return held.session, held.token
 
 
@@ -63,7 +61,6 @@ class Stage:
         return Keys.load(self.folder / "clients" / f"{name}.secret", self.keys / "server.public")
 
     def public(self, name: str) -> str:
-        """A user's public key."""
         return PublicKey.load(self.folder / "clients" / f"{name}.public").key
 
     def give(self, roles: tuple[str, ...], name: str = "subject") -> None:
@@ -93,7 +90,6 @@ class Stage:
         self._held.pop(own).disconnect()
 
     def close(self) -> None:
-        """End the server."""
         for own in list(self._held):
             self.forget(own)
         self.server.stop()
@@ -264,7 +260,6 @@ def one_round(stage: Stage, random: Random, *, timed: int = _TIMED) -> dict[str,
 
 
 def run(seed: int, budget: Budget) -> Result:
-    """Rounds until so many cells were asked."""
     random, cells, compared, seconds = Random(f"authorisation {seed}"), 0, 0, {}
     with tempfile.TemporaryDirectory(prefix="mesh-motion-prove-") as folder:
         stage = Stage(Path(folder))

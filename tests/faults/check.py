@@ -75,5 +75,4 @@ class Check:
         return _AT_LEAST + _SLACK * self.seconds * count / self.short
 
     def target_of(self, count: int) -> str:
-        """The target with its count."""
         return self.target.format(count=f"{count:,}".replace(",", " "))

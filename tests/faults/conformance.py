@@ -58,7 +58,6 @@ def choice(cases: Sequence[Case], count: int, random: Random) -> list[Case]:
 
 
 def verdict(name: str, outcomes: Sequence[Outcome]) -> dict[str, Any]:
-    """What the row reports of one server or client."""
     counts = Counter(outcome.verdict for outcome in outcomes)
     allowed = _NOT_TO_BE_HAD if name == _SERVER else set()
     return {

@@ -49,13 +49,11 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 
 def pytest_report_teststatus(report: pytest.TestReport) -> tuple[str, str, str] | None:
-    """A row has a line of its own, and no dot."""
     return (report.outcome, "", "") if report.when == "call" and "::test_row[" in report.nodeid else None
 
 
 @pytest.fixture(scope="session")
 def proof(request: pytest.FixtureRequest) -> Iterator[Proof]:
-    """The table of this run."""
     config = request.config
     terminal: Any = config.pluginmanager.get_plugin("terminalreporter")
 

@@ -38,7 +38,6 @@ class Driver:
         self.moving = [np.unique(m.patches["left"].nodes) if "left" in m.patches else np.empty(0, int) for m in meshes]
 
     def request(self, kind: Callable[..., SessionMessage], partition: int = 0, **fields: Any) -> Any:
-        """A new request of a partition."""
         self.sequences[partition] += 1
         known = {
             "client": bytes([partition + 1]) * 16,
@@ -56,7 +55,6 @@ class Driver:
         return [envelope.message for envelope in envelopes]
 
     def ask(self, kind: Callable[..., SessionMessage], partition: int = 0, **fields: Any) -> Any:
-        """One request, its one reply."""
         (reply,) = self.send(self.request(kind, partition, **fields))
         return reply
 
@@ -73,7 +71,6 @@ class Driver:
         return [self.ask(Join, p, token=TOKEN) for p in range(len(self.meshes))][-1]
 
     def upload(self) -> None:
-        """Every partition's mesh."""
         for p, mesh in enumerate(self.meshes):
             for item, name, role, rows in parts_of(mesh):
                 reply = self.ask(Upload, p, item=item, name=name, role=role, rows=rows)
@@ -88,17 +85,14 @@ class Driver:
         return rows
 
     def open(self) -> list[Any]:
-        """From NEW to READY."""
         self.join()
         self.upload()
         return self.all(Build)
 
     def move(self, step: int, **fields: Any) -> list[Any]:
-        """The motion of this step."""
         return self.all(Move, self.displacement(step), step=step, **fields)
 
     def advance(self, step: int) -> list[Any]:
-        """Move and commit."""
         moved = self.move(step)
         require(moved[-1].type == "MOVED", f"MOVE was answered {moved[-1]}")
         return self.all(Commit, step=step)
@@ -113,7 +107,6 @@ def parts_of(mesh: PartitionMesh) -> list[tuple[str, str, str, Any]]:
 
 
 def make_driver(store: Any, meshes: list[PartitionMesh], **options: Any) -> Driver:
-    """A driver of a new session."""
     spec = make_spec(options.pop("session", SESSION), partitions=len(meshes), **options.pop("spec", {}))
     return Driver(SessionHost.create(spec, store, build_model=_BUILD_MODEL, **options), meshes)
 
@@ -126,7 +119,6 @@ def undisturbed_driver(meshes: list[PartitionMesh]) -> Driver:
 
 
 def resume(store: Any, session: str = SESSION, **options: Any) -> SessionHost:
-    """A stored session in another process."""
     return SessionHost.resume(session, TOKEN, store, build_model=_BUILD_MODEL, **options)
 
 

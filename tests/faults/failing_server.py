@@ -45,7 +45,6 @@ class FailingServer(StandInServer):
                     raise
 
     def end(self) -> None:
-        """At once, whatever it does."""
         self.stop(signal.SIGKILL)
 
     # --- its faults --------------------------------------------------------------------------------------------------
@@ -60,12 +59,10 @@ class FailingServer(StandInServer):
         following.replace(self._points / PLAN)
 
     def passed(self, point: str) -> int:
-        """How often the point was passed."""
         try:
             return (self._points / point).stat().st_size
         except FileNotFoundError:
             return 0
 
     def passages(self) -> dict[str, int]:
-        """All points that were passed."""
         return {path.name: path.stat().st_size for path in self._points.iterdir() if path.name != PLAN}

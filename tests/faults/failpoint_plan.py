@@ -46,7 +46,6 @@ class Fault:
     hit: int
 
     def strike(self) -> None:
-        """Cause the fault."""
         if self.action == "kill":
             os.kill(os.getpid(), signal.SIGKILL)
         elif self.action == "sleep":
@@ -104,7 +103,6 @@ class _Active:
         self._faults: dict[str, Fault] = {}
 
     def refresh(self) -> None:
-        """Read the plan if it has changed."""
         path = self._folder / PLAN
         try:
             found = path.stat()
@@ -115,7 +113,6 @@ class _Active:
             self._faults, self._version = {}, None
 
     def passed(self, name: str) -> None:
-        """Count a passage, and cause its fault."""
         self.refresh()
         number, fault = self._count(name), self._faults.get(name)
         if fault is not None and fault.hit == number:

@@ -77,7 +77,6 @@ class _Passage:
     recorded: list[tuple[str, bytes]] = field(default_factory=list)
 
     def close(self, *, reset: bool = False) -> None:
-        """Both ends."""
         for writer in self.writers.values():
             _close(writer, reset=reset)
 
@@ -126,11 +125,9 @@ class Network:
 
     @property
     def endpoint(self) -> str:
-        """The control endpoint as seen through it."""
         return f"tcp://{self.host}:{self._server[1]}"
 
     def arm(self, faults: Sequence[Fault]) -> None:
-        """Let these strike, and forget earlier ones."""
         self.struck = []
         self._faults = dict.fromkeys(faults, 0)
 
@@ -139,7 +136,6 @@ class Network:
         self._faults, self._late, self._swapping = {}, {}, False
 
     def close(self) -> None:
-        """Cut everything and end the thread."""
         if self._loop.is_closed():
             return
         self._loop.call_soon_threadsafe(self._loop.stop)
@@ -212,7 +208,6 @@ class Network:
             passage.close()
 
     async def _pass(self, passage: _Passage, way: str, kind: str, unit: bytes) -> None:
-        """One unit, with the fault that is due."""
         fault = self._due(passage.place, way, kind)
         if fault is not None and way not in passage.swallowed:
             self.struck.append(fault.kind)
@@ -238,7 +233,6 @@ class Network:
         return due
 
     async def _write(self, passage: _Passage, way: str, data: bytes) -> None:
-        """To the other end, at the connection's rate."""
         if way in passage.swallowed or not data:
             return
         writer = passage.writers[way]

@@ -134,7 +134,6 @@ class Scene:
         self._arrive(user)
 
     def _arrive(self, user: str) -> None:
-        """From TRIAL."""
         if self.aim == "SUSPENDED":
             self.server.end_lease(self.known.session)
         elif self.aim in ("FROZEN", "FAILED"):
@@ -160,7 +159,6 @@ class Scene:
             self._arrive(_OWNER)
 
     def next(self) -> None:
-        """Send one message and judge what comes of it."""
         random, known = self.random, self.known
         self._lead_back()
         at_data, right = random.random() < 0.8, random.random() < 0.97
@@ -203,7 +201,6 @@ class Scene:
             require((not done or tried) and entries == self._entries(), "a refused request has changed a file")
 
     def _entries(self) -> dict[Path, int]:
-        """Which files there are."""
         return {path: id(file) for path, file in self.server.files.entries.items()}
 
     def _judge(self, frames: Sequence[bytes], replies: Replies, peer: bytes) -> bool:
@@ -237,7 +234,6 @@ class Scene:
         return str(host.state) if host is not None else "none"
 
     def _learn(self) -> None:
-        """What a client would have read from replies."""
         host = self.server.host(self.known.session)
         if host is not None:
             self.known.epoch, self.known.step = host.epoch, host.step
@@ -272,7 +268,6 @@ def _sent(frames: Sequence[bytes]) -> tuple[str, int]:
 
 
 def play(protection: Protection, seed: int, number: int, totals: Totals) -> None:
-    """One scene."""
     random = Random(f"handler fuzz {seed} {number}")
     real = number < 0 and bool(number % 2)  # the numerics load their kernels one by one, when they are first needed
     scene = Scene.set(protection, STATES[number % len(STATES)], random, totals, real=real)

@@ -23,7 +23,6 @@ Asked = tuple[str, bytes]
 
 
 def no_session() -> Asked:
-    """An id and a token that were never given out."""
     return os.urandom(16).hex(), os.urandom(32)
 
 
@@ -47,7 +46,6 @@ def require_alike(control: Wire, existing: Mapping[str, Asked]) -> int:
 
 
 def _answer(control: Wire, kind: type[Probe] | type[Resume], asked: Asked) -> tuple[object, ...]:
-    """All that a reply says, with the id taken out."""
     session, token = asked
     reply = control.ask(kind, session=session, token=token)
     if reply.type != "ERROR":

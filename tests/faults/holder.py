@@ -102,7 +102,6 @@ class Holder:
             self.built = True
 
     def leave(self, outcome: str = "keep") -> None:
-        """CLOSE of all partitions."""
         self.leaving = outcome == "discard"
         try:
             self.deliver([self.new(m.Close, p, outcome=outcome) for p in range(len(self.meshes))])
@@ -118,7 +117,6 @@ class Holder:
     # --- one request -------------------------------------------------------------------------------------------------
 
     def new(self, kind: Any, partition: int, **fields: Any) -> Any:
-        """A request with the next number."""
         self._sequence += 1
         known = {"client": self._client, "sequence": self._sequence, "session": self.session, "partition": partition}
         return kind(**known | {"epoch": self.epoch} | fields)
@@ -295,11 +293,9 @@ class SeededHolder(Holder):
 
     @property
     def moving(self) -> int:
-        """Number of moving nodes."""
         return len(self.meshes[0].patches["left"].nodes)
 
     def known_as(self, session: str, token: bytes, step: int) -> SeededHolder:
-        """This holder, of a stored session."""
         self.session, self.token, self.step, self.built = session, token, step, True
         return self
 
@@ -318,13 +314,11 @@ class SeededHolder(Holder):
         return moved
 
     def commit(self, *, repeats: int = 0) -> m.Committed:
-        """Commit the trial."""
         committed: m.Committed = self.request(m.Commit, repeats, step=self.step + 1)
         self.step, self.iteration = committed.step, 0
         return committed
 
     def rollback(self) -> None:
-        """Drop the trial."""
         self.request(m.Rollback, step=self.step + 1)
         self.iteration = 0
 

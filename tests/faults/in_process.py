@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from mesh_motion_protocol.errors import DataLoss
-from mesh_motion_protocol.limits import default_limits
+from mesh_motion_protocol.limits import FRAME_BYTES, HEADER_BYTES, default_limits
 
 from mesh_motion_server.operation.disk_watch import DiskWatch
 from mesh_motion_server.security.allow_list import Entry, write_entries
@@ -25,7 +25,7 @@ from mesh_motion_server.session.journal.relaxed import RelaxedKeeper
 from mesh_motion_server.session.model import build_motion_model
 from mesh_motion_server.session.replay import silent
 from mesh_motion_server.session.store import SessionStore
-from mesh_motion_server.settings import DURABILITY_LEVELS, ServerSettings
+from mesh_motion_server.settings import ServerSettings
 from mesh_motion_server.transport import template
 from mesh_motion_server.transport import worker as workers
 from mesh_motion_server.transport.control import Control
@@ -99,7 +99,6 @@ class _Worker(workers.Worker):
     held: Held
 
     def serve(self, frames: list[Frame]) -> None:
-        """One request."""
         self.wire.incoming.append(frames)
         self._receive()
         self._report()
@@ -109,7 +108,6 @@ class _Worker(workers.Worker):
         self._report()
 
     def obey(self, order: dict[str, Any]) -> None:
-        """One order."""
         self.line.order = order
         self._obey()
 
@@ -128,7 +126,6 @@ class _Control(Control):
     """Control that does not wait before it says NOT_FOUND."""
 
     def hurry(self) -> None:
-        """Say now what was to be said later."""
         while self._later.waiting:
             _, peer, frame = self._later.waiting.popleft()
             self._send(peer, frame)
@@ -141,11 +138,9 @@ class _Hosts:
         self._options: dict[str, Any] = {"clock": clock, "build_model": build_model or build_motion_model}
 
     def create(self, spec: Any, store: Any, *, limits: ServerSettings) -> SessionHost:
-        """A new session's."""
         return SessionHost.create(spec, store, limits=limits, **self._options)
 
     def resume(self, session: str, token: bytes, store: Any, *, limits: ServerSettings, progress: Any) -> SessionHost:
-        """A stored session's."""
         return SessionHost.resume(session, token, store, limits=limits, progress=progress, **self._options)
 
 
@@ -157,7 +152,7 @@ class InProcessServer:
     refuses.
     """
 
-    def __init__(self, protection: Protection, build_model: Any, settings: ServerSettings) -> None:
+    def __init__(self, protection: Protection | None, build_model: Any, settings: ServerSettings) -> None:
         self.files = ModelFiles()
         self.now = 0.0
         self.ended: dict[str, Any] = {}
@@ -172,7 +167,7 @@ class InProcessServer:
 
     def start(self) -> None:
         """A new supervisor and gateway, over whatever is on the disk."""
-        self._wire = Socket()
+        self._wire, self.endpoint = self._bound(HEADER_BYTES)
         access = Protection.access(self._protection)
         registry = Registry(_Store(self.files))
         disk = DiskWatch(self._settings.state_folder)
@@ -181,7 +176,7 @@ class InProcessServer:
             "server": "in-process",
             "boot": bytes(16),
             "limits": default_limits() | self._settings.limits(),
-            "durability": list(DURABILITY_LEVELS),
+            "durability": list(self._settings.durability),
         }
         line = Line(lambda m: self._control.request(m["peer"], m["user"], m["frame"]))
         self._gateway = Gateway(line, self._wire, welcome, protection=self._protection)  # type: ignore[arg-type]
@@ -203,12 +198,10 @@ class InProcessServer:
         self.start()
 
     def halt(self) -> None:
-        """Nothing runs any more but the caller."""
         for worker in self._children.values():
             _end_thread(worker.host)
 
     def kill(self, session: str) -> None:
-        """SIGKILL for one worker."""
         self._todo.append((self._child(session), None))
         self._work()
 
@@ -218,7 +211,8 @@ class InProcessServer:
         """A message at the control endpoint, and all replies that are due."""
         self._gateway._take(peer, USERS[user], [bytes(frame) for frame in frames])
         self._work()
-        return self._wire.take_sent()
+        replies: Replies = self._wire.take_sent()
+        return replies
 
     def data(self, session: str, user: str, peer: bytes, frames: Sequence[Any]) -> Replies:
         """A message at a session's data endpoint, and all replies that are due; KeyError without a worker."""
@@ -240,15 +234,17 @@ class InProcessServer:
         return worker.host if worker else None
 
     def end_lease(self, session: str) -> Replies:
-        """The lease of a session ends."""
         return self._replies(session, _Worker.end_lease)
 
     def wait(self, session: str, seconds: float) -> Replies:
-        """Time passes for a session."""
         self.now += seconds
         return self._replies(session, lambda worker: worker.expire(self.now))
 
     # --- inside ------------------------------------------------------------------------------------------------------
+
+    def _bound(self, message_bytes: int) -> tuple[Any, str]:
+        """A socket that takes frames of so many bytes, and its endpoint."""
+        return Socket(), "inproc://nowhere"
 
     def _replies(self, session: str, do: Callable[[_Worker], None]) -> Replies:
         """What a session's worker sends when this is done to it, and what else follows has come."""
@@ -267,7 +263,7 @@ class InProcessServer:
         return child  # type: ignore[no-any-return]
 
     def _to_peer(self, peer: bytes, frame: bytes) -> None:
-        self._wire.send_multipart([peer, frame])
+        self._gateway._send(peer, [frame])
 
     def _start_worker(self, order: dict[str, Any]) -> Any:
         child = Child(lambda child, order: self._todo.append((child, order)))
@@ -287,8 +283,7 @@ class InProcessServer:
         self._control.hurry()
 
     def _begin(self, child: Child, order: dict[str, Any]) -> None:
-        """What a worker's process does with its order."""
-        held, wire = Held(self.files), Socket()
+        held = Held(self.files)
         try:
             host = template._host(order, self._hosts, _Store(held), self._settings, silent)
         except Exception as error:
@@ -296,12 +291,12 @@ class InProcessServer:
             self._reported(child, {"event": "failed"} | template._failure(error))
             self._gone(child, 1)
             return
-        line = Line(lambda event: self._reported(child, event))
+        line, (wire, endpoint) = Line(lambda event: self._reported(child, event)), self._bound(FRAME_BYTES)
         rights = Rights(self._protection, order["owner"])
         worker = _Worker(line, wire, host, self._settings, rights)  # type: ignore[arg-type]
         worker.wire, worker.line, worker.host, worker.held = wire, line, host, held
         self._children[child] = worker
-        serving = {"event": "serving", "endpoint": "inproc://" + host.session, "label": host.label}
+        serving = {"event": "serving", "endpoint": endpoint, "label": host.label}
         about = {"partitions": host.partitions, "epoch": host.epoch, "state": str(host.state), "step": host.step}
         self._reported(child, serving | about)
 

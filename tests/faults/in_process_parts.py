@@ -36,8 +36,6 @@ class Frame:
 
 
 class Socket:
-    """What takes a socket's and its monitor's place."""
-
     def __init__(self) -> None:
         self.incoming: deque[list[Frame]] = deque()
         self.sent: Replies = []
@@ -100,7 +98,6 @@ class Held:
         return opening
 
     def end(self) -> None:
-        """The process is gone."""
         for handle in self._handles:
             self._files.handles.pop(handle, None)
 

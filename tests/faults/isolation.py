@@ -85,7 +85,6 @@ class Pings:
         return time.perf_counter() - begun
 
     def close(self) -> None:
-        """Close the sockets."""
         for socket in self._sockets.values():
             socket.close()
         self._context.term()
@@ -103,12 +102,10 @@ class Neighbour:
 
     @property
     def done(self) -> int:
-        """How often."""
         require(self._process.is_alive(), f"the neighbour {self.kind!r} has ended by itself")
         return int(self._done.value)
 
     def close(self) -> None:
-        """End it."""
         self._process.kill()
         self._process.join()
 
@@ -179,7 +176,6 @@ class _Scene:
         self._calm, self.growth = resident_bytes(self._gateway), 0
 
     def look(self) -> None:
-        """At the gateway's memory."""
         self.growth = max(self.growth, resident_bytes(self._gateway) - self._calm)
 
     def play(self, kinds: Sequence[str], count: int) -> tuple[dict[str, list[float]], dict[str, Any]]:
@@ -212,7 +208,6 @@ def run(seed: int, budget: Budget) -> Result:
 
 
 def _figures_of(values: Sequence[float]) -> dict[str, float]:
-    """Milliseconds."""
     p50, p99 = (1000 * float(value) for value in np.percentile(values, (50, 99)))
     return {"pings": len(values), "p50_ms": p50, "p99_ms": p99, "max_ms": 1000 * max(values)}
 

@@ -121,7 +121,6 @@ def kill_again_and_again(folder: Path, random: Random, budget: Budget, level: st
 
 
 def _one_life(output: Iterable[str]) -> list[str]:
-    """Lines up to the kill."""
     lines: list[str] = []
     for line in output:
         if line == "killed\n":
@@ -150,7 +149,6 @@ def require_undisturbed(folder: Path, witness: Witness) -> None:
 
 
 def run(seed: int, budget: Budget) -> Result:
-    """Kill and compare, at each level in turn."""
     witnesses, lives = [], 0
     for number, level in enumerate(DURABILITY_LEVELS, start=1):
         with tempfile.TemporaryDirectory(prefix="mesh-motion-prove-") as folder:

@@ -62,7 +62,6 @@ def _commit(driver: Driver, step: int) -> str:
 
 
 def live(folder: str, life: int, level: str) -> None:
-    """One life, until it is killed."""
     start = time.monotonic()
     driver = open_session(SessionStore(folder), life, level)
     step = driver.host.step

@@ -55,7 +55,6 @@ class Member:
 
     @cached_property
     def twin(self) -> Driver:
-        """What the session must answer."""
         return twin_of(self.holder.seed, self.holder.step)
 
 
@@ -94,7 +93,6 @@ class Fleet:
         return seed, session, token
 
     def open(self) -> None:
-        """As many live sessions as the server takes."""
         while len(self.live) < self.live_count:
             member = Member(SeededHolder(self.server, next(self._seeds)))
             member.holder.open(label=f"session {member.holder.seed}")
@@ -115,7 +113,6 @@ class Fleet:
             self.resting.append(member)
 
     def listed(self) -> dict[str, dict[str, Any]]:
-        """LISTED, all pages, by session."""
         found: dict[str, dict[str, Any]] = {}
         with Wire(self.server.endpoint) as wire:
             more = True
@@ -126,7 +123,6 @@ class Fleet:
         return found
 
     def close(self) -> None:
-        """Cut all connections and end the server."""
         for member in self.live:
             member.holder.disconnect()
         self.server.stop()
@@ -156,13 +152,11 @@ def advance(member: Member, random: Random) -> None:
 
 
 def fetch(member: Member, _random: Random) -> None:
-    """The committed coordinates are the twin's."""
     expected = member.twin.ask(m.Fetch).points
     _require_same(member.holder.request(m.Fetch).points, expected, f"session {member.holder.seed}: FETCHED")
 
 
 def ask_status(member: Member, _random: Random) -> None:
-    """STATUS is of this session."""
     holder, report = member.holder, member.holder.request(m.Status)
     shown = (report.step, report.report["label"], report.report["epoch"])
     require(
@@ -171,7 +165,6 @@ def ask_status(member: Member, _random: Random) -> None:
 
 
 def rejoin(member: Member, _random: Random) -> None:
-    """Another connection."""
     member.holder.join()
 
 
@@ -238,7 +231,6 @@ def _do_something(fleet: Fleet, slot: int, random: Random) -> str:
 
 
 def require_full(fleet: Fleet) -> None:
-    """No further session is opened or resumed."""
     asked: dict[str, dict[str, Any]] = {"OPEN": {"dimension": 2}}
     if fleet.resting:
         resting = fleet.resting[0].holder
@@ -313,7 +305,6 @@ def _kept_files(fleet: Fleet) -> int:
 
 
 def run(seed: int, budget: Budget) -> Result:
-    """Everything once, with so many sessions in all."""
     random = Random(f"many sessions {seed}")
     live = min(_MOST_LIVE, max(2, budget.count // _LIVE_SHARE))
     resting = budget.count - live
@@ -329,7 +320,6 @@ def run(seed: int, budget: Budget) -> Result:
 
 
 def _voyage(fleet: Fleet, random: Random, budget: Budget) -> dict[str, Any]:
-    """What was measured on the way."""
     start = time.monotonic()
     require_listed(fleet)
     list_seconds = time.monotonic() - start

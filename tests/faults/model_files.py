@@ -61,7 +61,6 @@ class ModelFiles:
     # --- the proof's side ------------------------------------------------------------------------------------------
 
     def arm(self, crash_at: int | None) -> None:
-        """Start the count of operations again."""
         self.operations, self.crash_at = [], crash_at
 
     def copy(self) -> ModelFiles:
@@ -80,7 +79,6 @@ class ModelFiles:
         return other
 
     def restore(self, contents: dict[Path, bytes]) -> None:
-        """These files, all on the disk."""
         self.entries = {path: _File(bytearray(data), bytearray(data)) for path, data in contents.items()}
         self.durable = dict(self.entries)
 
@@ -249,8 +247,6 @@ class FailingFiles:
 
 
 class ShortFiles:
-    """Writes at most a few bytes at once."""
-
     def __init__(self, files: Any, most: int) -> None:
         self._files = files
         self._most = most

@@ -57,17 +57,14 @@ class Draft:
 
     @classmethod
     def of(cls, frames: Any) -> "Draft":
-        """A message as it was sent."""
         header, *rest = (bytes(frame) for frame in frames)
         return cls(msgpack.unpackb(header), rest)
 
     def packed(self) -> Frames:
-        """On the wire."""
         return [msgpack.packb(self.header, unicode_errors="surrogatepass"), *self.frames]
 
 
 def golden_frames() -> list[Frames]:
-    """The frames of every valid golden vector."""
     return [[bytes.fromhex(frame) for frame in case["frames"]] for case in load("valid")]
 
 
@@ -75,7 +72,6 @@ def golden_frames() -> list[Frames]:
 
 
 def _replace(inner: Any, key: Any, random: Random) -> None:
-    """Another value, of its own type or of any."""
     alike = [value for value in VALUES if type(value) is type(inner[key])]
     inner[key] = deepcopy(random.choice(alike if alike and random.random() < 0.6 else VALUES))
 
@@ -95,7 +91,6 @@ def _remove(inner: Any, key: Any, _random: Random) -> None:
 
 
 def _add(inner: Any, key: Any, random: Random) -> None:
-    """An unknown key, or one more item."""
     if isinstance(inner, dict):
         inner[random.choice(_KEYS)] = deepcopy(random.choice(VALUES))
     else:
@@ -180,7 +175,6 @@ def _frames(draft: Draft, random: Random) -> None:
 
 
 def _bits(data: bytes, random: Random) -> bytes:
-    """Some bits turned."""
     turned = bytearray(data)
     for _ in range(random.randrange(1, 6)):
         turned[random.randrange(len(turned))] ^= 1 << random.randrange(8)

@@ -61,12 +61,10 @@ class Rig:
         wait_until(lambda: not gone.exists(), "the discarded session is gone")
 
     def return_later(self) -> None:
-        """CLOSE, then RESUME."""
         self.user.leave()
         self.user.connect()
 
     def lose_lease(self) -> None:
-        """Be away for longer than the lease."""
         before = self.server.passed("worker.lease-end")
         self.user.connect()
         self.user.disconnect()
@@ -142,7 +140,6 @@ TASKS: Mapping[str, _Task] = {
 
 @contextmanager
 def rig() -> Iterator[Rig]:
-    """A server with two sessions."""
     with tempfile.TemporaryDirectory(prefix="mm-") as folder:
         server, undisturbed = FailingServer(Path(folder)), Undisturbed(split_mesh(grid_mesh(), PARTITIONS))
         user, bystander = PersistentUser(server, undisturbed), PersistentUser(server, undisturbed)

@@ -61,13 +61,11 @@ class Guest:
         self.courier.join(self.opened.endpoint, self.opened.epoch, _SECONDS)
 
     def close(self) -> None:
-        """Discard it, if it is still there."""
         with suppress(MeshMotionError):
             self.courier.deliver(Close(**self.courier.address, outcome="discard"), Closed, _SECONDS)
         self.leave()
 
     def leave(self) -> None:
-        """End the connections."""
         self.courier.disconnect()
         self.control.close()
 
@@ -135,7 +133,6 @@ def _never_reads(endpoint: str) -> socket.socket:
 
 
 def _spoken(endpoint: str) -> socket.socket:
-    """A connection whose handshake is done."""
     raw = connection(endpoint)
     raw.sendall(greeting(b"NULL") + ready(Identity=b""))
     until(raw, b"READY")

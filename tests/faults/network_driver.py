@@ -74,13 +74,11 @@ class Driver:
 
     @property
     def _quick(self) -> float:
-        """Seconds for a call that waits for no process."""
         return _QUICK * self._work.patience
 
     # --- what it does ------------------------------------------------------------------------------------------------
 
     def open(self) -> None:
-        """Another session, from scratch."""
         self._undisturbed, self.acknowledged, self._committing = self._work.undisturbed(), 0, False
         while not self._opened():
             pass
@@ -116,14 +114,12 @@ class Driver:
         require(step in admitted, f"resumed at step {step}, {self.acknowledged} was acknowledged")
 
     def step(self) -> None:
-        """The next one, whatever it takes."""
         deadline = time.monotonic() + PATIENCE
         while not self._stepped():
             require(time.monotonic() < deadline, f"step {self.acknowledged + 1} is not reached: {dict(self.errors)}")
             self.resume()
 
     def abandon(self) -> None:
-        """Another MOVE, and the client is gone."""
         (rows,) = self._undisturbed.step(self.acknowledged + 1).given[-1]
         with suppress(Lost):
             self._again_here("MOVE", lambda s: s.move(0.5 * rows, frame=self._work.frame, timeout=self._quick))
@@ -149,7 +145,6 @@ class Driver:
         return not right
 
     def check_points(self) -> None:
-        """The committed coordinates."""
         try:
             points = self._again_here("FETCH", lambda s: s.points(timeout=self._quick))
         except Lost:
@@ -159,12 +154,10 @@ class Driver:
         require(np.array_equal(points, expected), f"the coordinates of step {self.acknowledged} differ")
 
     def discard(self) -> None:
-        """End the session, if it can be done."""
         self._close(self._session, "discard")
         self._session = None
 
     def close(self) -> None:
-        """End everything."""
         self.discard()
         self._disconnect()
 

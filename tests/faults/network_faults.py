@@ -124,7 +124,6 @@ class Lane:
 
 
 def faults_of(rng: Random, begin: str, *, corrupting: bool) -> list[Fault]:
-    """One to three faults for a seed that begins so."""
     kinds = [*KINDS, *(CORRUPTING if corrupting else ())]
     weights = [_WEIGHTS.get(kind, 1.0) for kind in kinds]
     chosen = rng.choices(kinds, weights, k=rng.choice((1, 1, 2, 3)))
@@ -171,7 +170,6 @@ def _server(folder: Path, *, with_keys: bool) -> tuple[StandInServer, Keys | Non
 
 
 def restarter(server: ServerProcess) -> Callable[[], None]:
-    """Kills and starts a server, one at a time."""
     lock = threading.Lock()
 
     def restart() -> None:
@@ -234,7 +232,6 @@ def _watch(lanes: Sequence[Lane], threads: Sequence[threading.Thread]) -> None:
 
 
 def run(seed: int, budget: Budget) -> Result:
-    """So many seeds, to all lanes at once."""
     with tempfile.TemporaryDirectory(prefix="mesh-motion-prove-") as folder, lanes(Path(folder), range(_LANES)) as made:
         done = run_seeds(made, 1_000_000 * seed, budget)
         struck, seen, errors = (

@@ -59,13 +59,11 @@ class Verdicts:
 
     @property
     def right(self) -> int:
-        """Rows that were answered as they have to be."""
         return self.cases - len(self.wrong)
 
 
 @contextmanager
 def _bench() -> Any:
-    """Sessions of a server in this process."""
     with tempfile.TemporaryDirectory() as folder, quiet():
         yield _Bench(InProcessServer(allow_everybody_listed(Path(folder)), None, LIMITS))
 
@@ -103,7 +101,6 @@ class _Bench:
         self._standing: dict[str, Rig] = {}
 
     def run(self, row: BadInput, rng: np.random.Generator) -> None:
-        """One row of bad inputs."""
         good, bad = _good(row), _good(row)
         found = row.spoil(bad, rng)
         part, names = found if isinstance(found, tuple) else (None, found)
@@ -227,7 +224,6 @@ class _Bench:
 
 
 def _good(row: BadInput) -> Draft:
-    """The good session of a row."""
     draft = DRAFTS[row.draft]()
     draft.set_settings(**dict(row.settings or {}))
     return draft
@@ -254,7 +250,6 @@ def _words(reply: Any) -> str:
 
 
 def _judge(reply: Any, row: BadInput, names: Mapping[str, Any], *, state: str, noise: list[str]) -> None:
-    """Compare an answer with the row."""
     if not isinstance(reply, ErrorReply):
         raise BrokenPromise(f"accepted: {_words(reply)}")
     wrong = [] if reply.code == row.code else [f"expected {row.code}"]

@@ -120,7 +120,6 @@ def play(lane: Lane, seed: int) -> None:
 
 
 def run(seed: int, budget: Budget) -> Result:
-    """So many seeds."""
     done = steps = 0
     struck: Counter[str] = Counter()
     with tempfile.TemporaryDirectory(prefix="mesh-motion-prove-") as folder, rank(Path(folder), WholeMesh()) as lane:

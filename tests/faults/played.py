@@ -50,7 +50,6 @@ class Played:
 
     @property
     def partitions(self) -> int:
-        """How many ranks there are."""
         return len(self._ranks)
 
     def is_disconnected(self) -> bool:
@@ -91,7 +90,6 @@ class Played:
             self.act(Action(kind, ALL if kind != "RESUME" else 0))
 
     def _open(self) -> SessionModel:
-        """A session, as the owner opens it."""
         about = {"partitions": self.partitions, "durability": self._ranks.level}
         asked = self._ranks.control(wire.Open, Action("OPEN"), dimension=2, **about)
         opened = self._control(asked)
@@ -250,7 +248,6 @@ class Played:
         return True
 
     def _start_over(self) -> None:
-        """Start all processes again, after an accident."""
         self._on_heal(Action("HEAL"))
         self.server.crash()
         self._resume = None
@@ -347,7 +344,6 @@ class Played:
     # --- the control endpoint ----------------------------------------------------------------------------------------
 
     def _control(self, asked: Asked) -> Any:
-        """Its one reply."""
         replies = self.server.control(asked.user, asked.peer, encode(asked.message))
         require(len(replies) == 1, f"{asked.kind} has {len(replies)} replies")
         return decode(replies[0][1])

@@ -59,7 +59,6 @@ def state_of(step: int) -> NDArray[np.float64]:
 
 @cache
 def entry_of(step: int) -> Commit:
-    """What is committed with a step."""
     request = RequestId(b"c" * 16, step, bytes([step % 256]) * 32)
     return Commit(step, state_digest(step, state_of(step)), (request,), f"receipt {step}".encode())
 
@@ -155,7 +154,6 @@ class _Writer:
         self._replay, self._relaxed = ReplayKeeper(journal), RelaxedKeeper(journal)
 
     def commit(self, step: int) -> int:
-        """The durable step that the reply gives."""
         entry, state = entry_of(step), state_of(step)
         if self._level == "replay":
             self._replay.commit(entry, state, lambda: boundary_of(step))

@@ -11,8 +11,6 @@ import psutil  # type: ignore[import-untyped]
 
 @dataclass(frozen=True)
 class Usage:
-    """What a process holds."""
-
     files: int
     resident_bytes: int
 
@@ -43,7 +41,6 @@ def descendants(pid: int) -> set[int]:
 
 
 def usage_of(pid: int) -> Usage:
-    """Of a process that lives."""
     process = psutil.Process(pid)
     return Usage(process.num_fds(), process.memory_info().rss)
 

@@ -81,7 +81,6 @@ class Proof:
         return outcome
 
     def _write(self) -> None:
-        """proof.json as of now, replaced whole."""
         finished = len(self._outcomes) == len(self._checks)
         proof = self._about | {
             "finished": _now() if finished else None,
@@ -119,7 +118,6 @@ def _limited(seconds: float) -> Iterator[None]:
 
 
 def _one_line(error: BaseException) -> str:
-    """Type, message and notes of an exception."""
     words = " ".join([f"{type(error).__name__.lstrip('_')}: {error}", *getattr(error, "__notes__", ())])
     return " ".join(words.split())[:400]
 
@@ -136,6 +134,5 @@ def versions() -> dict[str, str]:
 
 
 def machine() -> dict[str, Any]:
-    """What the figures were measured on."""
     memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     return {"system": platform.platform(), "computes": maker(), "cores": os.cpu_count(), "memory_bytes": memory}

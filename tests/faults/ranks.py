@@ -73,18 +73,15 @@ class Ranks:
         return len(self._meshes)
 
     def shares(self) -> list[Share]:
-        """What the model has to know of the mesh."""
         return [
             Share(mesh.global_ids, np.sort(mesh.patches["left"].nodes), mesh.points, len(uploads))
             for mesh, uploads in zip(self._meshes, self._uploads, strict=True)
         ]
 
     def peer(self, partition: int) -> bytes:
-        """A partition's newest connection."""
         return b"%d of %d" % (self._connections[partition], partition)
 
     def reconnect(self, partition: int) -> None:
-        """Have another connection."""
         self._connections[partition] += 1
 
     def control(self, kind: Any, action: Action, **fields: Any) -> Asked:
@@ -95,7 +92,6 @@ class Ranks:
         return Asked(message.type, user, b"control", message)
 
     def about(self, kind: Any, action: Action, model: SessionModel) -> Asked:
-        """RESUME or PROBE of the session."""
         token = bytes(32) if action.twist == "token" else model.token
         return self.control(kind, action, session=model.session, token=token)
 
@@ -167,7 +163,6 @@ class Ranks:
         return self._sequences[partition]
 
     def _fields(self, action: Action, model: SessionModel) -> dict[str, Any]:
-        """Beyond who asks of what."""
         kind, twist = action.operation, action.twist
         frame = "reference" if twist == "reference" else "committed"
         if kind == "JOIN":
@@ -219,7 +214,6 @@ class Ranks:
 
 
 def _step(action: Action, model: SessionModel) -> int:
-    """The next one, or another."""
     return (model.step, model.step + 2, 2**62)[action.value % 3] if action.twist == "step" else model.step + 1
 
 

@@ -24,7 +24,6 @@ class Entry:
     asked: Any = None
 
     def keep(self, reply: Any) -> None:
-        """The reply has come."""
         self.reply = reply
 
 
@@ -39,7 +38,6 @@ class Book:
         self.entries: list[Entry] = []
 
     def enter(self, entry: Entry, asked: Any) -> None:
-        """It is answered now."""
         entry.asked = asked
         self.entries = [other for other in self.entries if other.sequence != entry.sequence]
         self.entries.append(entry)
@@ -50,7 +48,6 @@ class Book:
             entry.known = entry.known and entry.executed and entry.kind == "COMMIT"
 
     def forget_steps_after(self, step: int) -> None:
-        """The COMMITs of later steps are lost with them."""
         for entry in self.entries:
             entry.known = entry.known and entry.fields.get("step", 0) <= step
 

@@ -76,7 +76,6 @@ class ServerProcess:
 
     @property
     def runs(self) -> bool:
-        """Whether it was started and has not ended."""
         return self._process is not None and self._process.poll() is None
 
     def children(self) -> list[int]:
@@ -87,12 +86,10 @@ class ServerProcess:
         return children_of(self.process.pid)
 
     def gateway(self) -> int:
-        """The gateway's process."""
         (pid,) = [pid for pid in descendants(self.process.pid) if name_of(pid) == "mesh-gateway"]
         return pid
 
     def workers(self) -> set[int]:
-        """Processes of sessions, and the template."""
         return {pid for pid in descendants(self.process.pid) if name_of(pid) == "mesh-worker"}
 
     def worker_of(self, session: str) -> int:
@@ -118,7 +115,6 @@ class ServerProcess:
         return [event for event in events if not names or event.get("event") in names]
 
     def last_words(self) -> str:
-        """The end of its log."""
         return self.log_path.read_text(encoding="utf-8", errors="replace")[-800:]
 
     # --- its lives ---------------------------------------------------------------------------------------------------
@@ -141,7 +137,6 @@ class ServerProcess:
         return self
 
     def launch(self) -> None:
-        """Start it, and do not wait."""
         self._let_go()
         self.folder.mkdir(parents=True, exist_ok=True)
         self.ready_file.unlink(missing_ok=True)  # one that was killed leaves it behind

@@ -66,7 +66,6 @@ class SessionModel:
 
     @property
     def gone(self) -> bool:
-        """Whether no client will find it again."""
         return self.worker == "none" and self.may_be_found == [None]
 
     @property
@@ -76,7 +75,6 @@ class SessionModel:
 
     @property
     def spoilt(self) -> bool:
-        """Whether something is uploaded twice."""
         return any(n > share.parts for n, share in zip(self.uploaded, self.shares, strict=True))
 
     @property
@@ -90,7 +88,6 @@ class SessionModel:
         return operation in ADMITTED[self.state].split()
 
     def book(self, client: bytes) -> Book:
-        """The requests of a client."""
         return self.books.setdefault(client, Book(self.kept))
 
     def digest(self, step: int, points: Points) -> bytes:
@@ -137,7 +134,6 @@ class SessionModel:
         self.state, self.trial, self.iteration = state, [], 0
 
     def abandon(self, *codes: str) -> list[Answer]:
-        """Everyone who waits is refused."""
         waiting, self.waiting = self.waiting, {}
         return [self.refuse(waiting[p], *codes) for p in sorted(waiting)]
 
@@ -254,7 +250,6 @@ class SessionModel:
         return [*answers, Answer(asked, "CLOSED", effect=self._closed)]
 
     def _closed(self, reply: Any) -> None:
-        """CLOSED says the step that RESUME will find."""
         self.learn_durable(reply)
         require(reply.step == self.durable_step, f"CLOSED says step {reply.step}")
 
@@ -341,7 +336,6 @@ class SessionModel:
         return [self.executed(a, "MOVED", partial(self._take_motion, a, inputs), **about) for a in all_asked]
 
     def _agree(self, rows: Sequence[NDArray[np.float64]]) -> bool:
-        """Whether shared nodes are moved alike."""
         ids = np.concatenate([share.ids[share.moving] for share in self.shares])
         given = np.concatenate(rows)
         _, first, inverse = np.unique(ids, return_index=True, return_inverse=True)
@@ -395,7 +389,6 @@ class SessionModel:
     # --- what happens to it ------------------------------------------------------------------------------------------
 
     def lease_ends(self) -> list[Answer]:
-        """No client was connected for too long."""
         self.admits("LEASE_END")
         self.unreported = False
         self.all_is_durable()
@@ -434,7 +427,6 @@ class SessionModel:
         return None
 
     def resume(self, asked: Asked, fault: str = "") -> Answer:
-        """Of a worker that lives, or from the journal."""
         if self.worker == "alive" and self.admits("RESUME"):
             if not (fault and self.built):
                 state = self.state if not self.built else "READY"
@@ -491,5 +483,4 @@ class SessionModel:
 
 
 def _common(asked: Asked) -> Any:
-    """What all partitions have to ask for alike."""
     return asked.kind, getattr(asked.message, "step", None), getattr(asked.message, "frame", None)

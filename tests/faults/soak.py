@@ -49,8 +49,6 @@ _MOST_STORED = 8 << 20
 
 @dataclass(frozen=True)
 class Reading:
-    """What one process holds after so many steps."""
-
     steps: int
     resident_bytes: int
     files: int
@@ -97,7 +95,6 @@ class Soak:
         } | named
 
     def _await_count(self) -> None:
-        """What the client has done by now."""
         try:
             said = self._line.recv()
         except EOFError:
@@ -106,7 +103,6 @@ class Soak:
         self.done = said
 
     def go(self, steps: int) -> None:
-        """So many steps, then a reading."""
         self._line.send(steps)
         self._await_count()
         for name, pid in self._pids.items():
@@ -122,7 +118,6 @@ class Soak:
             raise BrokenPromise(f"{name} has ended after {self.done['steps']} steps") from None
 
     def close(self) -> None:
-        """End both."""
         self._line.close()
         if self._client.pid is not None:
             self._client.join(30)
@@ -149,7 +144,6 @@ def _half(readings: Sequence[Reading]) -> Sequence[Reading]:
 
 
 def _fitted(readings: Sequence[Reading]) -> tuple[int, int]:
-    """The steps between which a slope is fitted."""
     return _half(readings)[0].steps, _half(readings)[-1].steps
 
 
@@ -184,7 +178,6 @@ def judge(readings: dict[str, list[Reading]], stored: Sequence[int]) -> dict[str
 
 @contextlib.contextmanager
 def soaking(seed: int) -> Iterator[Soak]:
-    """A soak in a folder of its own."""
     with tempfile.TemporaryDirectory(prefix="mesh-motion-prove-", dir=memory_folder()) as folder:
         soak = Soak(Path(folder), seed)
         try:
@@ -194,7 +187,6 @@ def soaking(seed: int) -> Iterator[Soak]:
 
 
 def run(seed: int, budget: Budget) -> Result:
-    """So many steps."""
     with soaking(seed) as soak:
         start, portion = time.monotonic(), max(_LEAST_STEPS, budget.count // _READINGS)
         while budget.admits(soak.done["steps"]) or len(soak.stored) < 8:

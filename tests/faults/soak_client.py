@@ -60,7 +60,6 @@ class Soaker:
             self._step_by_hand()
 
     def go(self, steps: int) -> None:
-        """So many steps, and what comes between them."""
         for _ in range(steps):
             (way,) = self.random.choices([way for way, _ in self._ways], [weight for _, weight in self._ways])
             way()
@@ -68,7 +67,6 @@ class Soaker:
             self._between()
 
     def _between(self) -> None:
-        """Now and then."""
         for name, one_in, act in (
             ("rejoins", REJOINS, self._rejoin),
             ("resumes", RESUMES, self._resume),
@@ -102,12 +100,10 @@ class Soaker:
         self._real.commit()
 
     def _rejoin(self) -> None:
-        """Another connection, under the same epoch."""
         self._by_hand.join()
         self._replace(self._server.join(self._client.credentials, partition=0))
 
     def _resume(self) -> None:
-        """Another holder, under the next epoch."""
         self._by_hand.come_back()
         self._replace(self._server.resume(self._client.credentials))
 
@@ -129,7 +125,6 @@ class Soaker:
         holder.leave("discard")
 
     def _look(self) -> None:
-        """Lists, reports and coordinates."""
         require(len(self._server.sessions()) >= 3, "LIST has lost a session")
         require(self._client.status().step == self._client.step, "STATUS says another step")
         require(bool(np.isfinite(self._client.points()).all()), "FETCH has lost the coordinates")
@@ -137,7 +132,6 @@ class Soaker:
         self._real.request(m.Fetch)
 
     def close(self) -> None:
-        """Discard the sessions."""
         self._client.close("discard")
         self._by_hand.leave("discard")
         self._real.leave("discard")

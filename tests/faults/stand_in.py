@@ -56,7 +56,6 @@ class StandIn:
         return np.concatenate(areas)
 
     def summary(self, points: Any) -> QualitySummary:
-        """Areas as quality."""
         areas = self._areas(points)
         least = float(areas.min())
         values = Distribution(least, float(areas.mean()), least, least, float(np.median(areas)))
@@ -75,7 +74,6 @@ class StandIn:
         """Nothing: weights that do not change are a derivative."""
 
     def slope(self, points: Any, factors: Any) -> Any:
-        """Of the motion from the reference mesh."""
         moving = self.roles.moving
         held = np.union1d(moving, self.roles.fixed)
         weights = self._weights(self.points, held)[:, np.searchsorted(held, moving)]

@@ -25,7 +25,6 @@ class StandInServer(ServerProcess):
 
 
 def main(settings: str, ready: str, level: str) -> int:
-    """Serve."""
     return serve(ServerSettings.model_validate_json(settings), ready_file=Path(ready), level=level, template=_SERVICE)
 
 

@@ -44,5 +44,4 @@ def _model(label: str) -> dict[str, Any]:
 
 
 def main(channel: Channel, level: str) -> int:
-    """What the template runs."""
     return template.main(channel, level, lambda: (SessionHost, SessionStore))

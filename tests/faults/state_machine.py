@@ -87,14 +87,12 @@ class Life:
         return f"partitions={self.partitions} level={self.level} numerics={numerics} {story(self.actions)}"
 
     def play(self, protection: Protection) -> None:
-        """From the beginning to the end."""
         played = begin(protection, self.partitions, self.level, real=self.real)
         for action in self.actions:
             played.act(action)
         played.finish()
 
     def fails(self, protection: Protection) -> bool:
-        """Whether server and model differ."""
         try:
             self.play(protection)
         except Exception:
@@ -201,7 +199,6 @@ def _with_story(life: Life, protection: Protection, error: Exception, found: Seq
 
 
 def run(seed: int, budget: Budget) -> Result:
-    """So many lives."""
     visited: Visited = set()
     done, operations, kinds = 0, 0, Counter[str]()
     with tempfile.TemporaryDirectory() as folder, quiet() as found:

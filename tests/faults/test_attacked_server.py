@@ -15,7 +15,6 @@ from tests.faults.processes import Usage, descendants, usage_of
 
 
 def bare_target(pid: int, usage: Usage) -> Any:
-    """A target of one process that is no server."""
     made = object.__new__(Target)
     made.name, made.keys = "of the test", None
     made._process, made._calm = pid, {pid: usage}

@@ -19,7 +19,6 @@ from tests.faults.numerical_input import BAD_INPUTS, prove_bad_inputs, prove_ext
 
 
 def rows(*starts: str) -> list[Any]:
-    """The rows whose names begin so."""
     found = [row for row in BAD_INPUTS if row.name.startswith(starts)]
     assert found
     return found

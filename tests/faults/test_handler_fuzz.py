@@ -154,7 +154,7 @@ honest, kept = worker.encoded, []
 
 def hoarding(message, **options):
     if message.type == "ERROR":
-        kept.append(bytearray(b"x") * {kept})
+        kept.append(bytearray(b"x") * 8192)
     return honest(message, **options)
 
 worker.encoded = hoarding
@@ -165,7 +165,6 @@ print(result.passed, result.got)
 
 
 @pytest.mark.nightly
-@pytest.mark.parametrize(("size", "verdict"), [(8192, "False"), (1, "True")])
-def test_memory_that_is_kept_of_refused_requests_is_found(size: int, verdict: str) -> None:
-    run = subprocess.run([sys.executable, "-c", _HOARDS.format(kept=size)], capture_output=True, text=True, check=True)
-    assert run.stdout.split()[0] == verdict, run.stdout
+def test_memory_that_is_kept_of_refused_requests_is_found() -> None:
+    run = subprocess.run([sys.executable, "-c", _HOARDS], capture_output=True, text=True, check=True)
+    assert run.stdout.split()[0] == "False", run.stdout

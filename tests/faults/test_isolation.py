@@ -80,7 +80,5 @@ def test_neighbours_that_do_no_harm_are_found() -> None:
 
 
 class NoPings:
-    """Sends no PING."""
-
     def ask(self) -> dict[str, float]:
         return {}

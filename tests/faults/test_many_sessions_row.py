@@ -41,8 +41,6 @@ def test_sessions_that_are_mixed_up_are_found(seed: Seed, tmp_path: Path, monkey
 
 
 class Polite(Random):
-    """Draws so that holders close their sessions."""
-
     def random(self) -> float:
         return 0.0
 

@@ -27,7 +27,6 @@ FIRST, SECOND, THIRD = 0, 1, 2
 
 @pytest.fixture(scope="module")
 def bare(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Lane]:
-    """A client without keys, and its server."""
     with lanes(tmp_path_factory.mktemp("bare"), [0]) as (lane,):
         yield lane
 
@@ -40,7 +39,6 @@ def patient(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def lane(bare: Lane, patient: None) -> Iterator[Lane]:
-    """With a session that nothing has happened to."""
     bare.open()
     bare.driver.errors.clear()
     yield bare
@@ -48,7 +46,6 @@ def lane(bare: Lane, patient: None) -> Iterator[Lane]:
 
 
 def strike(lane: Lane, *faults: Fault) -> None:
-    """Two steps with faults, one without."""
     lane.network.arm(faults)
     for _ in range(2):
         lane.driver.step()

@@ -22,7 +22,6 @@ def committer(partition: int) -> bytes:
 
 
 def frames_of(message: Message) -> bytes:
-    """A message as it goes over the wire."""
     return b"".join(bytes(frame) for frame in encode(message))
 
 

@@ -43,7 +43,6 @@ class Known:
         self.meshes = shared_mesh(self.partitions)
 
     def uploads(self, partition: int) -> list[dict[str, Any]]:
-        """The parts of a partition's mesh."""
         return [{"name": "", "role": ""} | part for part in uploads_of(self.meshes[partition], self.partitions)]
 
     def heights(self, partition: int) -> Any:

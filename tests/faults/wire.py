@@ -39,7 +39,6 @@ class Wire:
         self._socket.connect(endpoint)
 
     def request(self, kind: Callable[..., Message], **fields: Any) -> Message:
-        """A new request of this client."""
         return kind(**{"client": self._client, "sequence": next(self._numbers)} | fields)
 
     def ask(self, kind: Callable[..., Message], **fields: Any) -> Any:
@@ -87,7 +86,6 @@ class Wire:
         return self._events in ready and not self._socket.poll(100)
 
     def close(self) -> None:
-        """Cut the connection."""
         self._socket.disable_monitor()
         self._events.close()
         self._socket.close()

@@ -101,7 +101,6 @@ def _outside(around: np.ndarray) -> bytes:
 
 
 def scalar(kind: str, rng: np.random.Generator) -> Any:
-    """A value of a scalar parameter."""
     values: dict[str, list[Any]] = {
         "bool": [False, True],
         "int": [-1, 0, 1, 2, 3, 7],
@@ -133,7 +132,6 @@ def shown(value: Any) -> Any:
 
 
 def wrong(parameter: Parameter) -> Iterator[Any]:
-    """What never is such an argument."""
     yield None
     yield "text"
     if not parameter.axes:
@@ -162,7 +160,6 @@ def wrong(parameter: Parameter) -> Iterator[Any]:
 
 
 def refused(name: str, arguments: list[Any]) -> bool:
-    """Whether it is a TypeError."""
     try:
         getattr(kernels, name)(*arguments)
     except TypeError:

@@ -82,7 +82,6 @@ class Recorder:
         return result
 
     def of_use(self) -> None:
-        """Calls of moves and tests."""
         for name in LOOPS:
             setattr(kernels, name, partial(self._used, name))
         for case in _CASES:
@@ -100,7 +99,6 @@ class Recorder:
         return self.call(name, arguments)
 
     def of_fuzzing(self) -> None:
-        """Calls with whatever a loop takes."""
         rng = np.random.default_rng(0)
         for name in LOOPS:
             for expected in fuzz.overloads(self.loops[name]):

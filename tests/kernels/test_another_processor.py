@@ -1,22 +1,14 @@
 """Loops have the same bits on aarch64, whose calls are repeated in an emulator."""
 
-import shutil
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from programs import need, run
 
 HERE = Path(__file__).parent
 COMPILERS = {"C": "aarch64-linux-gnu-gcc", "CXX": "aarch64-linux-gnu-g++"}
 EMULATOR = "qemu-aarch64"
-
-
-def run(*command: object, **options: object) -> str:
-    """A command that must succeed; its output."""
-    done = subprocess.run([*map(str, command)], capture_output=True, text=True, check=False, **options)  # type: ignore[call-overload]
-    assert done.returncode == 0, f"{command}\n{done.stdout[-3000:]}\n{done.stderr[-3000:]}"
-    return str(done.stdout)
 
 
 def counts(lines: str) -> dict[str, tuple[int, int]]:
@@ -26,9 +18,7 @@ def counts(lines: str) -> dict[str, tuple[int, int]]:
 @pytest.mark.nightly
 @pytest.mark.timeout(1800)
 def test_loops_have_the_same_bits_on_another_processor(tmp_path: Path) -> None:
-    for tool in ("cmake", EMULATOR, *COMPILERS.values()):
-        if shutil.which(tool) is None:
-            pytest.skip(f"{tool} is not installed")
+    need("cmake", EMULATOR, *COMPILERS.values())
     chosen = [f"-DCMAKE_{language}_COMPILER={compiler}" for language, compiler in COMPILERS.items()]
     system = ["-DCMAKE_SYSTEM_NAME=Linux", "-DCMAKE_SYSTEM_PROCESSOR=aarch64"]
     run("cmake", "-S", HERE / "replay", "-B", tmp_path, *system, *chosen)

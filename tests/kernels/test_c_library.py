@@ -5,8 +5,6 @@ a wrong argument gives a number and a message.
 import ctypes
 import os
 import re
-import shutil
-import subprocess
 from collections.abc import Callable
 from ctypes import byref, c_char_p, c_double, c_int64, c_void_p
 from pathlib import Path
@@ -33,6 +31,7 @@ from mesh_motion_numerics.quality.metrics import (
     judged,
 )
 from numpy.typing import NDArray
+from programs import need, run
 
 pytestmark = pytest.mark.nightly
 
@@ -40,19 +39,6 @@ SOURCE = Path(__file__).resolve().parents[2] / "numerics" / "kernels"
 WARNINGS = ["-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror"]
 WRITE, ADD, INVALID_ARGUMENT = 0, 1, 3
 Array = NDArray[np.float64]
-
-
-def run(*command: object, **options: Any) -> str:
-    """A command that must succeed; its output."""
-    done = subprocess.run([*map(str, command)], capture_output=True, text=True, check=False, **options)
-    assert done.returncode == 0, f"{command}\n{done.stdout[-3000:]}\n{done.stderr[-3000:]}"
-    return str(done.stdout)
-
-
-def need(*tools: str) -> None:
-    for tool in tools:
-        if shutil.which(tool) is None:
-            pytest.skip(f"{tool} is not installed")
 
 
 @pytest.fixture(scope="module")
@@ -124,7 +110,6 @@ def places(d: int, n: int = 3000) -> Array:
 
 
 def nested_spline(d: int, k: int) -> NestedSpline:
-    """A fine box in a coarse one."""
     cells = np.array([[4, 4, 4], [5, 6, 7]]) * (np.arange(3) < d)
     counts = np.prod(np.where(cells > 0, cells + 3, 1), axis=1)
     origin, inverse = np.array([[0.3] * 3, [0.0] * 3]), np.array([20.0, 5.0])

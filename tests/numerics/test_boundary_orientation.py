@@ -14,7 +14,6 @@ HALVES = np.concatenate([FACES[1:][:, [0, 1, 2]], FACES[1:][:, [0, 2, 3]]])
 
 
 def both(points: Any, facets: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
-    """A part and, far away, another."""
     n = len(points)
     return np.concatenate([points, points + 9.0]), {k: np.concatenate([f, f + n]) for k, f in facets.items()}
 

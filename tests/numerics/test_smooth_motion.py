@@ -53,7 +53,6 @@ def turned(model: MotionModel, degrees: float, shift: tuple[float, ...] = (0.0, 
 
 
 def played(model: MotionModel, targets: list[np.ndarray]) -> list[Motion]:
-    """Every motion committed before the next."""
     factors, points, motions = FactorCache(1 << 28), model.points, []
     for target in targets:
         motions.append(model.move(points, target, factors))

@@ -10,7 +10,6 @@ def places(times, motion):
 
 
 def velocities(scheme, times, motion):
-    """After each step."""
     at, level, found = places(times, motion), TimeLevel(times[0]), []
     stored = scheme if scheme in STORED_ARRAYS else ""
     for before, after, time in zip(at, at[1:], times[1:], strict=False):

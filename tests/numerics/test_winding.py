@@ -58,7 +58,6 @@ def turned(model: MotionModel, degrees: float) -> np.ndarray:
 
 
 def gone(model: MotionModel, angles: list[float], start: np.ndarray | None = None) -> Motion:
-    """The motion of the last of the steps."""
     points, factors = model.points if start is None else start, FactorCache(1 << 26)
     for degrees in angles:
         motion = model.move(points, turned(model, degrees), factors)

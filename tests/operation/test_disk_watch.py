@@ -16,8 +16,6 @@ from mesh_motion_server.operation.room import DiskRoom, disk_room
 
 
 class Disk:
-    """Answers while it is well."""
-
     def __init__(self) -> None:
         self.well = threading.Event()
         self.well.set()

@@ -83,12 +83,6 @@ def test_before_a_server_is_asked(name: str) -> None:
 
 
 @pytest.fixture(scope="module")
-def server() -> Iterator[Server]:
-    with connect() as server:
-        yield server
-
-
-@pytest.fixture(scope="module")
 def session(server: Server) -> Iterator[Session]:
     with server.open(mesh(), {"support_radius": 0.5}) as session:
         yield session

@@ -132,7 +132,6 @@ class Shell:
         return "" if ended.returncode == 0 else f"{line}: {ended.stdout[-2000:]}{ended.stderr}"
 
     def serve(self, line: str) -> subprocess.Popen[str]:
-        """Until it says that it is ready."""
         process = subprocess.Popen(
             f"exec {self._line(line)}",
             shell=True,
@@ -146,7 +145,6 @@ class Shell:
         return process
 
     def stop(self, process: subprocess.Popen[str]) -> None:
-        """Drain."""
         process.terminate()
         assert process.wait(60) == 0
         process.stdout.close()

@@ -29,7 +29,6 @@ def required(lines: list[str]) -> dict[str, SpecifierSet]:
 
 
 def conda(name: str) -> dict:
-    """A recipe with its version filled in."""
     text = (FOLDER / "conda-forge" / name / "recipe.yaml").read_text(encoding="utf-8")
     for key, value in yaml.safe_load(text)["context"].items():
         text = text.replace(f"${{{{ {key} }}}}", value)

@@ -8,6 +8,7 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 from bare_environment import ROOT
@@ -46,7 +47,6 @@ def ready(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def clone(ready: Path, tmp_path: Path) -> Path:
-    """A copy of it that a test may spoil."""
     return Path(shutil.copytree(ready, tmp_path / "clone", symlinks=True))
 
 
@@ -57,77 +57,37 @@ def replace(path: Path, pattern: str, text: str) -> None:
     path.write_text(new, encoding="utf-8")
 
 
-def spoil_sources(root: Path) -> None:
-    replace(root / "adapters/python/mesh_motion_protocol/__init__.py", re.escape(VERSION), "7.8.8")
+#: What is spoilt, a change of a file (name, pattern, text) or more, and what is said then.
+SPOILT: list[tuple[tuple[str, str, str] | Callable[[Path], object], str]] = [
+    (("adapters/python/mesh_motion_protocol/__init__.py", "7.8.9", "7.8.8"),
+     r"protocol/__init__\.py must have __version__ = '7\.8\.9', got '7\.8\.8'"),
+    (("numerics/mesh_motion_numerics/__init__.py", "7.8.9", "7.8.8"),
+     r"numerics/__init__\.py must have __version__ = '7\.8\.9', got '7\.8\.8'"),
+    (("CITATION.cff", "7.8.9", "0.1.0"), r"CITATION\.cff must have version: 7\.8\.9, got '0\.1\.0'"),
+    (("CITATION.cff", "2026-01-31", "2026-01-30"),
+     r"CITATION\.cff must have date-released: 2026-01-31, as CHANGELOG\.md, got '2026-01-30'"),
+    (("CHANGELOG.md", " - 2026-01-31", ""),
+     "CHANGELOG.md must have a section '## 7.8.9 - YYYY-MM-DD', got Unreleased, 7.8.9"),
+    (("CHANGELOG.md", "(?s)## 7.8.9 - 2026-01-31.*", "## 7.8.9 - 2026-01-31\n"), "section 7.8.9 lists no change"),
+    (("CHANGELOG.md", "## Unreleased\n", "## Unreleased\n\n- One more.\n"), "still has unreleased changes"),
+    (lambda root: (root / "changes" / "+slip-walls.fixed.md").write_text("Walls slide.\n"),
+     r"got 1, first \+slip-walls\.fixed\.md: towncrier build --version 7\.8\.9"),
+    (lambda root: git(root, "tag", "v7.8.9"), "the tag v7.8.9 exists already"),
+    (lambda root: (root / "mesh_motion_server" / "forgotten.py").touch(), "first mesh_motion_server/forgotten.py"),
+    (("protocol/SPEC.md", r"version 1\.0", "version 1.1"),
+     "must be of version 1.0, as mesh_motion_protocol says, got '1.1'"),
+    (("docs/man/mesh-motion.1", "(?s).*", ""), r"python -m protocol\.render_spec, make manual, make lock"),
+]  # fmt: skip
 
 
-def spoil_numerics(root: Path) -> None:
-    replace(root / "numerics/mesh_motion_numerics/__init__.py", re.escape(VERSION), "7.8.8")
-
-
-def spoil_citation(root: Path) -> None:
-    replace(root / "CITATION.cff", re.escape(VERSION), "0.1.0")
-
-
-def spoil_date(root: Path) -> None:
-    replace(root / "CITATION.cff", "2026-01-31", "2026-01-30")
-
-
-def spoil_changelog(root: Path) -> None:
-    replace(root / "CHANGELOG.md", " - 2026-01-31", "")
-
-
-def spoil_unreleased(root: Path) -> None:
-    replace(root / "CHANGELOG.md", "## Unreleased\n", "## Unreleased\n\n- One more.\n")
-
-
-def spoil_section(root: Path) -> None:
-    replace(root / "CHANGELOG.md", r"(?s)(## 7.8.9 - 2026-01-31).*", f"## {VERSION} - 2026-01-31\n")
-
-
-def spoil_fragments(root: Path) -> None:
-    (root / "changes" / "+slip-walls.fixed.md").write_text("Walls slide.\n")
-
-
-def spoil_tag(root: Path) -> None:
-    git(root, "tag", f"v{VERSION}")
-
-
-def spoil_tree(root: Path) -> None:
-    (root / "mesh_motion_server" / "forgotten.py").touch()
-
-
-def spoil_protocol(root: Path) -> None:
-    replace(root / "protocol" / "SPEC.md", r"version 1\.0", "version 1.1")
-    git(root, "commit", "-qam", "Spoilt")
-
-
-def spoil_rendered(root: Path) -> None:
-    (root / "docs" / "man" / "mesh-motion.1").write_text("")
-    git(root, "commit", "-qam", "Spoilt")
-
-
-@pytest.mark.parametrize(
-    ("spoil", "words"),
-    [
-        (spoil_sources, r"protocol/__init__\.py must have __version__ = '7\.8\.9', got '7\.8\.8'"),
-        (spoil_numerics, r"numerics/__init__\.py must have __version__ = '7\.8\.9', got '7\.8\.8'"),
-        (spoil_citation, r"CITATION\.cff must have version: 7\.8\.9, got '0\.1\.0'"),
-        (spoil_date, r"CITATION\.cff must have date-released: 2026-01-31, as CHANGELOG\.md, got '2026-01-30'"),
-        (spoil_changelog, "CHANGELOG.md must have a section '## 7.8.9 - YYYY-MM-DD', got Unreleased, 7.8.9"),
-        (spoil_section, "section 7.8.9 lists no change"),
-        (spoil_unreleased, "still has unreleased changes"),
-        (spoil_fragments, r"got 1, first \+slip-walls\.fixed\.md: towncrier build --version 7\.8\.9"),
-        (spoil_tag, "the tag v7.8.9 exists already"),
-        (spoil_tree, "first mesh_motion_server/forgotten.py"),
-        (spoil_protocol, "must be of version 1.0, as mesh_motion_protocol says, got '1.1'"),
-        (spoil_rendered, r"python -m protocol\.render_spec, make manual, make lock"),
-    ],
-)
-def test_a_check_refuses(
-    clone: Path, spoil: Callable[[Path], None], words: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    spoil(clone)
+@pytest.mark.parametrize(("spoilt", "words"), SPOILT, ids=[words[:40] for _, words in SPOILT])
+def test_a_check_refuses(clone: Path, spoilt: Any, words: str, capsys: pytest.CaptureFixture[str]) -> None:
+    if callable(spoilt):
+        spoilt(clone)
+    else:
+        name, pattern, text = spoilt
+        replace(clone / name, pattern, text)
+        git(clone, "commit", "-qam", "Spoilt")
     assert main([VERSION, "--root", str(clone), "--only-checks"]) == 1
     complaint = capsys.readouterr().err
     assert complaint.count("\n") == 1

@@ -24,7 +24,6 @@ PLAIN = st.recursive(
 
 
 def outcome(frames):
-    """The message's type, or the error's code."""
     try:
         return plain_message(decode(frames))["type"]
     except ProtocolError as error:

@@ -10,7 +10,6 @@ from mesh_motion_protocol.limits import CONTAINER_ITEMS, HEADER_BYTES, HEADER_DE
 
 
 def filled(size: int) -> dict[str, str]:
-    """A map that takes so many bytes."""
     empty = len(msgpack.packb({"a": "x" * HEADER_BYTES})) - HEADER_BYTES
     return {"a": "x" * (size - empty)}
 

@@ -161,7 +161,6 @@ def inflated(mesh: MeshFile, wall: np.ndarray) -> np.ndarray:
 
 
 def named(patches: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Patches as arrays of the file."""
     return {f"patch_{name}": nodes.astype(np.int32) for name, nodes in patches.items()}
 
 

@@ -42,7 +42,6 @@ def body(kind: str, x: float, y: float) -> int:
 
 
 def is_inner(curve: int) -> bool:
-    """Whether a curve belongs to a body."""
     low_x, low_y, _, high_x, high_y, _ = gmsh.model.getBoundingBox(1, curve)
     return max(-low_x, high_x) < HALF[0] - 1e-3 and max(-low_y, high_y) < HALF[1] - 1e-3
 

@@ -12,8 +12,6 @@ from tests.faults.stand_in import grid_mesh, split_mesh
 
 
 class Clock:
-    """Seconds that the test decides about."""
-
     now = 100.0
 
     def __call__(self) -> float:

@@ -20,8 +20,6 @@ from tests.faults.stand_in import grid_mesh
 
 
 class CountingFiles(ModelFiles):
-    """How many bytes were read."""
-
     read_bytes = 0
 
     def read(self, handle: int, offset: int, size: int) -> bytes:

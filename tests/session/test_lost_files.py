@@ -167,8 +167,6 @@ def test_unknown_files_and_links_are_no_proof(store: SessionStore, tmp_path: Pat
 
 
 class Failing(PosixFileSystem):
-    """A disk that gives an error for one name."""
-
     def __init__(self, name: str, error: int) -> None:
         self.name, self.error = name, error
 

@@ -342,7 +342,6 @@ def test_a_failure_that_a_commit_has_reported_is_not_reported_again(monkeypatch:
 
 
 def closed(level: str, steps: int = 2) -> tuple[SessionStore, ModelFiles]:
-    """A session at rest after so many steps."""
     files = ModelFiles()
     store = SessionStore("/state", files=files)
     driver = make_driver(store, [grid_mesh()], spec={"durability": level})

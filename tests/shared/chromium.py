@@ -57,13 +57,10 @@ def opened(profile: Path) -> Iterator[Browser]:
 
 
 class Browser:
-    """One tab."""
-
     def __init__(self, driver: Any) -> None:
         self.driver = driver
 
     def show(self, url: str, *, width: int = 1400, height: int = 1000, scheme: str = "light") -> None:
-        """Open a page in a window of this size."""
         size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
         self.driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
         features = [{"name": "prefers-color-scheme", "value": scheme}]
@@ -81,11 +78,9 @@ class Browser:
             self.driver.execute_cdp_cmd("Page.removeScriptToEvaluateOnNewDocument", added)
 
     def run(self, script: str, *arguments: Any) -> Any:
-        """Return the result of a script."""
         return self.driver.execute_script(script, *arguments)
 
     def text(self, selector: str) -> str:
-        """Return the text of the first element."""
         return str(self.run("return document.querySelector(arguments[0])?.innerText ?? ''", selector))
 
     def texts(self, selector: str) -> list[str]:

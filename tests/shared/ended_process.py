@@ -5,8 +5,6 @@ from mesh_motion_server.transport.processes import Child
 
 
 class EndedChild(Child):
-    """A child that counts how often it was killed."""
-
     def __init__(self, channel: Channel) -> None:
         super().__init__(2**22, channel)
         self.killed = 0

@@ -99,7 +99,6 @@ class FoamCase:
         return self.output
 
     def checked(self) -> dict[str, float]:
-        """The counts and measures of checkMesh."""
         text = self.run("checkMesh", "-constant", "-allGeometry", "-allTopology")
         found = {}
         for name in ("points", "faces", "internal faces", "cells", "hexahedra", "prisms", "pyramids", "tetrahedra",

@@ -246,7 +246,6 @@ def kratos(path: Path) -> None:
 
 
 def elmer(path: Path) -> None:
-    """Elmer's format, as ElmerGrid writes it."""
     path.mkdir()
     outer = [face for face in FACES if face.patch]
     names = list(PATCHES)
@@ -288,7 +287,6 @@ def cgns(path: Path) -> None:
 
 
 def vtk(path: Path) -> None:
-    """VTK's format, with our arrays of the patches."""
     marks = "".join(
         f"patch_{name} 1 {N**3} int\n{rows(np.isin(np.arange(N**3), nodes).astype(int).reshape(-1, 1))}"
         for name, nodes in PATCHES.items()
@@ -331,7 +329,6 @@ def gmsh(path: Path) -> None:
 
 
 def foam(path: Path) -> None:
-    """OpenFOAM's format, a folder polyMesh."""
     path.mkdir()
     inner = sum(not face.patch for face in FACES)
     begin = np.cumsum([inner, *(sum(face.patch == name for face in FACES) for name in PATCHES)])
@@ -429,7 +426,6 @@ def _item(values: NDArray[Any], form: str, text: str, more: str = "") -> str:
 
 
 def xdmf(path: Path) -> None:
-    """XDMF with all numbers in the XML."""
     _xdmf(path, lambda _, values: _item(values, "XML", "\n" + rows(values.reshape(len(values), -1))))
 
 

@@ -96,7 +96,6 @@ def largest_angle(step: int) -> float:
 
 
 def _faces(angle: float) -> dict[str, Any]:
-    """The faces of a mesh as a history records them."""
     above = {f"faces_above_{limit}": int(max(0.0, angle - limit)) for limit in (65, 75)}
     shares = {"max_skewness": 0.5, "min_volume_ratio": 0.25, "shortest_edge": 0.5, "smallest_face": 0.375}
     return {"faces": 1050, "max_non_orthogonality": angle, **above, **shares}

@@ -19,7 +19,6 @@ ROLES = {"body": "moving", "outer": "fixed"}
 
 
 def box_file(kind, count):
-    """A box in the form of a mesh file."""
     box = box_mesh(kind, count)
     cells = {block.type.name: np.asarray(block.nodes, dtype=np.int64) for block in box.cells}
     patches = {"body": np.unique(box.body), "outer": np.unique(box.outer)}
@@ -65,7 +64,6 @@ def as_client(points, cells, patches):
 
 
 def as_file(mesh):
-    """Such a mesh in the form of a mesh file."""
     return MeshFile(mesh.points, mesh.cells, {n: np.sort(p.nodes) for n, p in mesh.patches.items()}, Path("whole"))
 
 

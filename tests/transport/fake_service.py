@@ -198,5 +198,4 @@ class SessionHost:
 
 
 def main(channel, level):
-    """What the template runs."""
     return template.main(channel, level, lambda: (SessionHost, SessionStore))

@@ -47,7 +47,6 @@ class Scripted:
         self.control.request(b"peer", "", bytes(encode(request)[0]))
 
     def serving(self, epoch: int) -> None:
-        """The newest worker serves."""
         (live,) = self.control.registry.live.values()
         self.control.reported(live, {"event": "serving", "endpoint": "", "epoch": epoch, "state": "READY", "step": 1})
 

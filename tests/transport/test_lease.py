@@ -45,8 +45,6 @@ class Line:
 
 
 class Host:
-    """A session that waits."""
-
     label, partitions, epoch, state, step = "", 1, 1, "NEW", 0
     closed, next_deadline = False, None
 

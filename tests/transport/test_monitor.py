@@ -91,7 +91,6 @@ def test_a_gateway_that_is_stopped_holds_no_request_up(start, connect):
 
 
 def unwell(server):
-    """What /healthz complains of."""
     status, text = get(server, "/healthz")
     return text if status == 503 else ""
 

@@ -21,7 +21,6 @@ REFUSALS = (zmq.EVENT_HANDSHAKE_FAILED_AUTH, zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL
 
 @pytest.fixture(scope="module")
 def keyed(make_module_server, tmp_path_factory, make_keys):
-    """A server that admits alice and bob."""
     return with_keys(make_module_server, tmp_path_factory.mktemp("keys"), make_keys)
 
 

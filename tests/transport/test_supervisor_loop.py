@@ -22,7 +22,6 @@ from mesh_motion_server.transport.supervisor import Supervisor
 
 
 def killed(child: Child) -> int:
-    """How often a child was killed."""
     assert isinstance(child, EndedChild)
     return child.killed
 
@@ -38,7 +37,6 @@ class Scripted:
         self.theirs: list[Any] = []
 
     def spawn(self, *_: Any, **__: Any) -> Child:
-        """In place of the function of processes."""
         if self.refused:
             self.refused -= 1
             raise BlockingIOError(11, "Resource temporarily unavailable")

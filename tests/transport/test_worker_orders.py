@@ -26,8 +26,6 @@ class Line:
 
 
 class Host:
-    """A session that takes a new holder."""
-
     state, step = "READY", 3
 
     def __init__(self, line: Line) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mesh_motion_client import Mesh, Patch, connect
+from programs import need
 
 from tests.faults.server_process import ServerProcess
 
@@ -34,12 +35,6 @@ def run(command, patience=PATIENCE, **options):
 def compiled(command, **options):
     """The same for a compiler: how long it takes is the machine's affair, and the test has a limit."""
     return run(command, patience=None, **options)
-
-
-def need(*tools):
-    for tool in tools:
-        if shutil.which(tool) is None:
-            pytest.skip(f"{tool} is not installed")
 
 
 @pytest.fixture(scope="session")

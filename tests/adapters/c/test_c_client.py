@@ -220,7 +220,6 @@ def test_keys(compiler, tools, tmp_path, check_example):
 
 @contextlib.contextmanager
 def stopped_server(here):
-    """A server that reads nothing behind JOIN."""
     process = subprocess.Popen(
         [sys.executable, here / "stopped_server.py"],
         env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},

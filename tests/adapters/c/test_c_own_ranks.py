@@ -41,7 +41,6 @@ def prefix(tmp_path_factory, tools, zmq_flags, c_kernels):
 
 
 def cube(side):
-    """The mesh of own_ranks.c in one piece."""
     low, high = side * 5 // 12, side * 7 // 12
     i, j, k = np.meshgrid(*[np.arange(side)] * 3, indexing="ij")
     own = ~np.all([(low <= a) & (a < high) for a in (i, j, k)], axis=0)

@@ -46,7 +46,6 @@ def play(flap, out, *options):
 
 @pytest.fixture(scope="session")
 def undisturbed(flap, tmp_path_factory):
-    """Five windows with the server."""
     folder = tmp_path_factory.mktemp("flap")
     return folder, play(flap, folder, "--windows", "5")
 

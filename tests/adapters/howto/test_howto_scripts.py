@@ -14,7 +14,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mesh_motion_client import connect
 
 from mesh_motion_server.files import read_mesh
 
@@ -26,18 +25,11 @@ PATHS = os.pathsep.join(str(ROOT / part) for part in (".", "adapters/python"))
 
 @functools.cache
 def python_with(*modules: str) -> str | None:
-    """A Python that imports these."""
     for python in PYTHONS:
         command = [python, "-c", "import " + ", ".join(modules)]
         if Path(python).exists() and subprocess.run(command, capture_output=True, check=False).returncode == 0:
             return python
     return None
-
-
-@pytest.fixture(scope="module")
-def server():
-    with connect() as server:
-        yield server
 
 
 @pytest.fixture

@@ -48,8 +48,6 @@ def mesh_motion_server(tmp_path_factory):
 
 @dataclass
 class Plate:
-    """The unit square in triangles."""
-
     points: np.ndarray
     triangles: np.ndarray
 

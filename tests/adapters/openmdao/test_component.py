@@ -15,7 +15,6 @@ from mesh_motion_openmdao.component import MeshMotion  # noqa: E402
 
 @pytest.fixture(autouse=True)
 def _writes_elsewhere(tmp_path, monkeypatch):
-    """OpenMDAO leaves a folder where it runs."""
     monkeypatch.chdir(tmp_path)
 
 

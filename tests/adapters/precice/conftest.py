@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mesh_motion_client import Mesh, Patch, connect
+from mesh_motion_client import Mesh, Patch
 
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))
@@ -43,12 +43,6 @@ def square():
     points, triangles, patches = square_with_block()
     roles = {"outer": "fixed", "lower": "moving", "upper": "moving"}
     return Mesh(points, {"triangle": triangles}, {name: Patch(roles[name], patches[name]) for name in patches})
-
-
-@pytest.fixture(scope="session")
-def server():
-    with connect() as server:
-        yield server
 
 
 @pytest.fixture

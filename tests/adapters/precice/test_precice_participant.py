@@ -96,8 +96,6 @@ def test_steps_within_a_window_start_where_it_began(case, play, direct):
 
 
 class Seeded(Participant):
-    """Participants with a bug each, by name."""
-
     def begin(self, session):
         super().begin(session)
         getattr(self, self.bug)()

@@ -21,8 +21,6 @@ def _row(name: str, code: str, spoil: Spoil, *says: str, draft: str = "square", 
 
 
 def _cell_index(value: int, dtype: type[Any] = np.int64) -> BadInput:
-    """One node number of one cell."""
-
     def spoil(draft: Draft, rng: Rng) -> Names:
         cells = draft.rows("cells", "triangle").astype(dtype)
         row = int(rng.integers(len(cells)))
@@ -34,8 +32,6 @@ def _cell_index(value: int, dtype: type[Any] = np.int64) -> BadInput:
 
 
 def _patch_index(value: int) -> BadInput:
-    """One node number of one patch."""
-
     def spoil(draft: Draft, rng: Rng) -> Names:
         row = int(rng.integers(5))
         draft.rows("patch", "left")[row, 0] = value
@@ -149,8 +145,6 @@ def _patch(name: str, role: str, nodes: Any, names: Names) -> Spoil:
 
 
 def _ids(values: Any) -> Spoil:
-    """Global ids for the only partition."""
-
     def spoil(draft: Draft, rng: Rng) -> Names:
         draft.parts[0].append(Part("global_ids", "", "", Rows(np.asarray(values)[:, None])))
         return {"partition": 0}

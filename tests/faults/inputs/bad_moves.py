@@ -84,7 +84,6 @@ def _body(draft: Draft) -> Any:
 
 
 def _crossed(_: Draft) -> Any:
-    """Two neighbours change places."""
     rows = np.zeros((5, 2))
     rows[1, 1], rows[2, 1] = 0.25, -0.25
     return rows
@@ -104,7 +103,6 @@ def _second_partition(draft: Draft, rng: Rng) -> Names:
 
 
 def _overflow(draft: Draft, rng: Rng) -> Names:
-    """Finite, but no place can be that far away."""
     row, axis = int(rng.integers(5)), int(rng.integers(2))
     draft.moved[row, axis] = 1.7976931348623157e308
     return {"partition": 0, "row": row, "node": 5 * row}

@@ -11,8 +11,6 @@ _SETTINGS, _NONFINITE = "INVALID_ARGUMENT.SETTINGS", "INVALID_ARGUMENT.NONFINITE
 
 
 def _field(key: str, value: Any, code: str, *says: str) -> BadInput:
-    """A field of OPEN with a bad value."""
-
     def spoil(draft: Draft, rng: Rng) -> Names:
         draft.opening[key] = value
         return {"field": key}

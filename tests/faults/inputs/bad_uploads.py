@@ -16,7 +16,6 @@ _INDEX = np.array([[0]])
 
 
 def _part(item: str, name: str, role: str, rows: Rows | np.ndarray[Any, Any], /, **names: Any) -> Callable[..., Any]:
-    """Always the same part."""
     sent = rows if isinstance(rows, Rows) else Rows(rows)
     return lambda *_: (Part(item, name, role, sent), names)
 
@@ -34,7 +33,6 @@ def _nonfinite(value: float, dtype: type[Any] = np.float64) -> BadInput:
 
 
 def _wire(name: str, code: str, rows: Rows, *says: str) -> BadInput:
-    """Nodes that are declared as nothing can be."""
     return BadInput(f"UPLOAD of nodes, {name}", "upload", _part("nodes", "", "", rows, field="rows"), code, says)
 
 

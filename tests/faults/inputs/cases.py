@@ -40,8 +40,6 @@ class BadInput:
 def spoilt(
     name: str, where: Where, code: str, change: Callable[[Draft], Any], names: Names, *says: str, draft: str = "square"
 ) -> BadInput:
-    """A draft that is always changed alike."""
-
     def spoil(spoiled: Draft, rng: Rng) -> Names:
         change(spoiled)
         return names

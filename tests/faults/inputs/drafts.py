@@ -56,29 +56,23 @@ class Draft:
     extra: dict[str, Any] = field(default_factory=dict)
 
     def part(self, item: str, name: str = "", partition: int = 0) -> Part:
-        """The part with this item and name."""
         return next(p for p in self.parts[partition] if (p.item, p.name) == (item, name))
 
     def rows(self, item: str, name: str = "", partition: int = 0) -> Array:
-        """The values of a part, to be changed in place."""
         return self.part(item, name, partition).rows.values
 
     def drop(self, item: str, name: str = "", partition: int = 0) -> Part:
-        """Leave a part out."""
         part = self.part(item, name, partition)
         self.parts[partition].remove(part)
         return part
 
     def replace(self, item: str, name: str, values: Array, partition: int = 0) -> None:
-        """Other rows for a part."""
         self.part(item, name, partition).rows = Rows(values)
 
     def add_patch(self, name: str, role: str, nodes: Any, partition: int = 0) -> None:
-        """One more patch."""
         self.parts[partition].append(_patch(name, role, nodes))
 
     def set_settings(self, **settings: Any) -> None:
-        """More settings for OPEN."""
         self.opening["settings"] = self.opening["settings"] | settings
 
     @property
@@ -116,20 +110,17 @@ def grid_points(count: int, dimension: int) -> Array:
 
 
 def _corners(count: int, dimension: int) -> Array:
-    """Lowest node of each little square or cube."""
     index = np.arange(count**dimension).reshape((count,) * dimension)
     return index[(slice(-1),) * dimension].ravel()
 
 
 def grid_triangles(count: int) -> Array:
-    """Two triangles to each square of the grid."""
     low = _corners(count, 2)
     lower = np.stack([low, low + 1, low + count], axis=1)
     return np.concatenate([lower, np.stack([low + 1, low + count + 1, low + count], axis=1)])
 
 
 def side(points: Array, axis: int, value: float) -> Array:
-    """Nodes on one side of the unit square or cube."""
     return np.flatnonzero(points[:, axis] == value)
 
 
@@ -190,7 +181,6 @@ def periodic() -> Draft:
 
 
 def symmetric() -> Draft:
-    """The square with a symmetry line at the bottom."""
     draft = square()
     points = draft.points
     bottom, walls = side(points, 1, 0.0), draft.rows("patch", "walls")[:, 0]

@@ -96,8 +96,6 @@ def _warned(*texts: str) -> Judge:
 
 
 def _rigid(motion: Callable[[Any], Any], points: Callable[[], Any], tolerance: float) -> Judge:
-    """All nodes are carried along."""
-
     def judge(got: Outcome, good: Outcome) -> str:
         places = points()
         expected = motion(places) - places
@@ -152,7 +150,6 @@ def _all_moving(draft: Draft) -> None:
 
 
 def _smallest(draft: Draft) -> None:
-    """A single triangle, all of it boundary."""
     draft.parts[0] = []
     draft.parts[0].append(Part("nodes", "", "", Rows(np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]))))
     draft.parts[0].append(Part("cells", "triangle", "", Rows(np.array([[0, 1, 2]]))))

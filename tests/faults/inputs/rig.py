@@ -71,7 +71,6 @@ class Rig:
     noise: list[str] = field(default_factory=list)
 
     def ask(self, kind: str, partition: int = 0, fields: dict[str, Any] | None = None, **arrays: Rows) -> list[Message]:
-        """One request, all replies that it causes."""
         self.sequence += 1
         session = self.opened.session
         known = {"session": session, "epoch": self.opened.epoch, "partition": partition}
@@ -81,7 +80,6 @@ class Rig:
         return [decode(back) for _, back in replies]
 
     def upload(self, part: Part, partition: int = 0) -> Message:
-        """One part of the mesh."""
         about = {"item": part.item, "name": part.name, "role": part.role}
         (reply,) = self.ask("UPLOAD", partition, about, rows=part.rows)
         return reply
@@ -112,6 +110,5 @@ class Rig:
         return digest.hexdigest()
 
     def end(self) -> None:
-        """Its worker ends at once."""
         if self.server.host(self.opened.session) is not None:
             self.server.kill(self.opened.session)

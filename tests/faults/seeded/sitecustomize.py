@@ -13,7 +13,6 @@ FAULTS: dict[str, Callable[[], None]] = {}
 
 
 def fault(seed: Callable[[], None]) -> Callable[[], None]:
-    """Known by its name, with blanks."""
     FAULTS[seed.__name__.replace("_", " ")] = seed
     return seed
 

@@ -483,7 +483,6 @@ def test_what_was_built_goes_where_there_is_room_for_nothing_else(tmp_path: Path
 
 
 def reference_last_committed(data: bytes) -> tuple[bool, int]:
-    """By searching the whole of a segment."""
     end = len(data)
     while (
         place := max(data.rfind(known, 0, end) for known in (b',"event":"committed",', b',"event":"resumed",'))

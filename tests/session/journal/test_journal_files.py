@@ -35,7 +35,6 @@ class Shown(ModelFiles):
 
 
 def lived(steps: int, *, capacity: int = CAPACITY, receipt: bytes = b"receipt") -> Shown:
-    """The files of a journal of so many steps."""
     files = Shown()
     journal = Journal.create(FOLDER, files, replace(FOUNDATION, record_area=8 * PAGE), capacity=capacity)
     for step in range(1, steps + 1):

@@ -53,7 +53,6 @@ def after(foundation: Foundation, *bodies: dict[str, Any], keep: int = 8) -> Led
 
 
 def again(ledger: Ledger) -> Ledger:
-    """From a checkpoint."""
     return Ledger.start(record(ledger.checkpoint_body(CAPACITY), ledger.foundation.format))
 
 

@@ -79,8 +79,6 @@ class Unsynced:
 
 
 class OneSlot:
-    """Keeps both slots in one file."""
-
     def __init__(self, files: Any) -> None:
         self._files = files
 

@@ -112,7 +112,6 @@ def shaped(event: dict[str, Any]) -> dict[str, Any]:
 
 
 def judged(event: dict[str, Any]) -> list[dict[str, Any]]:
-    """What an event has of qualities."""
     quality = event.get("quality", {})
     return [part for part in (quality, quality.get("standard"), quality.get("corrected")) if part and "worst" in part]
 

@@ -16,7 +16,6 @@ from mesh_motion_server.watch.page.connections import BoundedProtocol
 
 
 async def no_app(scope: object, receive: object, send: object) -> None:
-    """An application that is asked nothing."""
     del scope, receive, send
 
 
