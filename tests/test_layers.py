@@ -3,6 +3,7 @@
 import ast
 import subprocess
 import sys
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -151,6 +152,37 @@ def test_imports_point_to_the_left() -> None:
 )
 def test_the_walk_sees_a_seeded_offence(module: str, source: str) -> None:
     assert offences(module, source)
+
+
+def running(node: ast.AST) -> ast.AST:
+    """The tree without the imports that only type checkers read."""
+    for inner in ast.walk(node):
+        if isinstance(inner, ast.If) and ast.unparse(inner.test) == "TYPE_CHECKING":
+            inner.body = []
+    return node
+
+
+def circle(sources: dict[str, str]) -> list[str]:
+    """Modules that import each other in a circle at run time, in order; empty if there are none."""
+    graph = {}
+    for module, source in sources.items():
+        names = imported(module, running(ast.parse(source)))
+        graph[module] = {n if n in sources else n.rpartition(".")[0] for n in names} & sources.keys() - {module}
+    try:
+        TopologicalSorter(graph).prepare()
+    except CycleError as error:
+        return list(error.args[1])
+    return []
+
+
+def test_no_modules_import_each_other_in_a_circle() -> None:
+    assert circle({module: path.read_text() for module, path in MODULES}) == []
+
+
+def test_the_walk_sees_a_seeded_circle() -> None:
+    types_only = "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    from a.x import X"
+    assert circle({"a.x": "from a import y", "a.y": types_only}) == []
+    assert len(circle({"a.x": "from a import y", "a.y": "def f():\n    from a.x import X"})) == 3
 
 
 #: What starts before any worker: the command, the supervisor with its store, the gateway and the attendants.

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from mesh_motion_server.commands import cli
+from mesh_motion_server.commands import outcome
 from mesh_motion_server.watch.terminal.console import Table, console, inert, progress_bar, working
 
 ROOT = Path(__file__).parents[3]
@@ -95,8 +95,8 @@ def test_spinner_and_bar_show_a_text_as_it_is(text: str, monkeypatch: pytest.Mon
 
 @pytest.mark.parametrize("text", EVIL)
 def test_lines_of_commands_show_a_text_as_it_is(text: str, capsys: pytest.CaptureFixture[str]) -> None:
-    cli.say(text)
-    cli.complain(text)
+    outcome.say(text)
+    outcome.complain(text)
     shown = capsys.readouterr()
     assert shown.out == f"{harmless(text)}\n"
     assert shown.err == f"mesh-motion: {harmless(text)}\n"

@@ -1,4 +1,4 @@
-"""``mesh-motion monitor`` as a program: pipes, dumb terminals, a real terminal, a real server."""
+"""``mesh-motion inspect --follow`` as a program: pipes, dumb terminals, a real terminal, a real server."""
 
 import fcntl
 import json
@@ -42,7 +42,7 @@ def state(tmp_path: Path) -> Path:
 def run(*arguments: object, **environment: str) -> tuple[int, str, str]:
     """Run it with pipes: status, output, errors."""
     done = subprocess.run(
-        [sys.executable, "-m", "mesh_motion_server", "monitor", *map(str, arguments)],
+        [sys.executable, "-m", "mesh_motion_server", "inspect", "--follow", *map(str, arguments)],
         capture_output=True,
         text=True,
         env=os.environ | environment,
@@ -82,8 +82,10 @@ def test_json_has_what_a_program_needs(state: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "status", "said"),
     [
-        (["/no/such/folder", "--once"], 69, "/no/such/folder: the folder is not there (yet)"),
-        (["tcp://127.0.0.1:7440", "--once"], 2, "expected the state folder of a server, not its endpoint"),
+        (["/no/such/folder"], 69, "/no/such/folder: the folder is not there (yet)"),
+        (["tcp://127.0.0.1:7440"], 2, "expected the state folder of a server, not its endpoint"),
+        (["--endpoint", "tcp://127.0.0.1:7440"], 2, "expected the state folder of a server, not its endpoint"),
+        (["{state}", "--step", "3"], 2, "give either --step or --follow"),
         (["{state}", "--session", "absent"], 4, "no session 'absent'; there are wing"),
     ],
 )
@@ -102,7 +104,7 @@ class Terminal:
         self._end, inner = pty.openpty()
         fcntl.ioctl(inner, termios.TIOCSWINSZ, struct.pack("HHHH", *size, 0, 0))
         self.process = subprocess.Popen(
-            [sys.executable, "-m", "mesh_motion_server", "monitor", *map(str, arguments)],
+            [sys.executable, "-m", "mesh_motion_server", "inspect", "--follow", *map(str, arguments)],
             stdin=inner,
             stdout=inner,
             stderr=inner,
