@@ -27,7 +27,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_cmdline_main(config: pytest.Config) -> int | None:
-    """The list, if it is asked for; a run needs names that exist."""
+    """Print the list if it is requested; a run needs existing names."""
     known = [check.name for check in table.CHECKS]
     for name in config.getoption("--only"):
         if name not in known:
@@ -49,7 +49,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 
 def pytest_report_teststatus(report: pytest.TestReport) -> tuple[str, str, str] | None:
-    """A row has a line of its own, and no dot."""
+    """A row prints a line instead of a dot."""
     return (report.outcome, "", "") if report.when == "call" and "::test_row[" in report.nodeid else None
 
 
@@ -70,7 +70,7 @@ def proof(request: pytest.FixtureRequest) -> Iterator[Proof]:
 
 
 def _plan(config: pytest.Config) -> Plan:
-    """Of the options, which are known where this folder is named on the command line."""
+    """Read the options; pytest knows them only if the command line names this folder."""
     scale = "full" if config.getoption("--full", False) else "short"
     return Plan(scale, config.getoption("--seed", 1))
 
@@ -82,7 +82,7 @@ def _row(item: Any) -> Check | None:
 
 @pytest.fixture
 def seed(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
-    """Faults by name (tests/faults/seeded/sitecustomize.py) for all servers that are started from now on."""
+    """Faults by name (tests/faults/seeded/sitecustomize.py) for all servers that start later."""
 
     def seed(*names: str) -> None:
         for name, value in seeded(*names).items():
@@ -93,6 +93,6 @@ def seed(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
 
 @pytest.fixture
 def protection(tmp_path: Path) -> Iterator[Protection]:
-    """All users but one, for a server in this process; its log is kept back."""
+    """All users except one, for a server in this process; its log is not printed."""
     with quiet():
         yield allow_everybody_listed(tmp_path)

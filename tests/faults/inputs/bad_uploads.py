@@ -1,4 +1,4 @@
-"""UPLOAD of parts that belong to no mesh: each is sent behind the good parts, which stay as they are."""
+"""UPLOAD of invalid parts: each is sent after the good parts, which stay as they are."""
 
 from collections.abc import Callable
 from typing import Any
@@ -22,7 +22,7 @@ def _part(item: str, name: str, role: str, rows: Rows | np.ndarray[Any, Any], /,
 
 
 def _nonfinite(value: float, dtype: type[Any] = np.float64) -> BadInput:
-    """Somewhere in a further part of the nodes: they are counted over all parts."""
+    """A bad row in an additional part of the nodes: rows are counted over all parts."""
 
     def spoil(draft: Draft, rng: Rng) -> tuple[Part, Names]:
         points = draft.points.astype(dtype)
@@ -34,7 +34,7 @@ def _nonfinite(value: float, dtype: type[Any] = np.float64) -> BadInput:
 
 
 def _wire(name: str, code: str, rows: Rows, *says: str) -> BadInput:
-    """Nodes that are declared as nothing can be."""
+    """Nodes with an impossible declaration."""
     return BadInput(f"UPLOAD of nodes, {name}", "upload", _part("nodes", "", "", rows, field="rows"), code, says)
 
 
