@@ -51,8 +51,8 @@ METRICS = {
     metric.name: metric
     for metric in (
         Metric("sessions", "gauge", "Sessions with a worker, by state.", "state"),
-        Metric("moves", "counter", "Moves computed; repeats of an answered request are not."),
-        Metric("commits", "counter", "Commits answered; with durability relaxed the disk has them later."),
+        Metric("moves", "counter", "Computed moves, without repeats of answered requests."),
+        Metric("commits", "counter", "Answered commits; with durability relaxed they reach the disk later."),
         Metric("builds", "counter", "Meshes built."),
         Metric("move_seconds", "histogram", "Time to compute a move, in seconds.", bounds=_SECONDS),
         Metric("commit_seconds", "histogram", "Time to commit, in seconds.", bounds=_SECONDS),
@@ -66,18 +66,18 @@ METRICS = {
         Metric(
             "move_headroom_steps",
             "histogram",
-            "Steps like the last one until a cell inverts, of each move that requested it; 100: that or more.",
+            "Number of further equal steps until a cell inverts, for each move that requested it; 100: 100 or more.",
             bounds=_STEPS,
         ),
         Metric("corrections", "counter", "Moves whose prediction was corrected, by method.", "method"),
         Metric("predicted_inverted_cells", "counter", "Cells that moves would have inverted without correction."),
-        Metric("refused", "counter", "Requests answered by an error, by its code.", "code", ("INTERNAL",)),
+        Metric("refused", "counter", "Requests answered with an error, by its code.", "code", ("INTERNAL",)),
         Metric("received_bytes", "counter", "Bytes of requests received."),
         Metric("sent_bytes", "counter", "Bytes of replies sent."),
-        Metric("denied_connections", "counter", "Handshakes refused for want of a key on the allow-list."),
+        Metric("denied_connections", "counter", "Handshakes refused because the key is not on the allow-list."),
         Metric("fsync_seconds", "histogram", "Time of one fsync of the journals, in seconds.", bounds=_SHORT_SECONDS),
         Metric("journal_written_bytes", "counter", "Bytes written to sessions' folders."),
-        Metric("worker_starts", "counter", "Worker processes started, one a session and restart."),
+        Metric("worker_starts", "counter", "Started worker processes: one for each session and each restart."),
         Metric(
             "worker_ends",
             "counter",

@@ -117,7 +117,7 @@ class StoredSpec:
             If the client evaluates the field.
         """
         if self.evaluation == "client":
-            raise InvalidInput(f"session {self.session}: its cells are with the client, not with the server")
+            raise InvalidInput(f"session {self.session}: the client has its cells, the server does not")
 
     def to_bytes(self) -> bytes:
         """The file's content."""

@@ -188,7 +188,7 @@ class Gateway:
 
 def _busy() -> MeshMotionError:
     """Return the error for a request that the supervisor cannot accept: nothing was started."""
-    return MeshMotionError("the server is behind with its requests", code="UNAVAILABLE")
+    return MeshMotionError("the server has too many waiting requests", code="UNAVAILABLE")
 
 
 def main(channel: Channel, level: str) -> int:

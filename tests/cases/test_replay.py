@@ -271,7 +271,7 @@ def test_another_machine_or_version_makes_no_promise(recorded: Recorded, folder:
     assert comparison.unpromised == ""
     assert comparison.broken_promise()
     mixed = [(1, "mesh-motion-server 0.0.1"), (3, maker())]
-    for makers, why in (([(1, "")], "not recorded"), ([], "not recorded"), (mixed, "computed by mesh-motion-server 0")):
+    for makers, why in (([(1, "")], "does not record"), ([], "does not record"), (mixed, "computed by mesh-motion-server 0")):
         other = replace(comparison, recorded=replace(seeded, makers=makers))
         assert why in other.unpromised
         assert other.broken_promise() == ""
@@ -306,7 +306,7 @@ def test_steps_before_another_life_are_replayed(folder: Path, monkeypatch: pytes
     monkeypatch.setattr("mesh_motion_server.cases.recorded.read_ledger", lambda *_: ledger)
     recorded = read_recorded(folder)
     assert recorded.log.steps == 4
-    assert recorded.notes == ["the steps from 5 on were made again, while no history was kept"]
+    assert recorded.notes == ["the steps from 5 on were repeated while no history was recorded"]
 
 
 def test_what_does_not_verify_ends_the_replay_before_it_begins(folder: Path, tmp_path: Path) -> None:
@@ -318,7 +318,7 @@ def test_what_does_not_verify_ends_the_replay_before_it_begins(folder: Path, tmp
     path.write_bytes(data)
     recorded = read_recorded(copy)
     assert recorded.log.steps == 3
-    assert recorded.notes == ["what the boundary did in step 4 does not verify"]
+    assert recorded.notes == ["the recorded motion of the boundary in step 4 has a wrong checksum"]
 
 
 def test_only_steps_whose_events_are_there_are_summed_up(recorded: Recorded, tmp_path: Path) -> None:
@@ -327,7 +327,7 @@ def test_only_steps_whose_events_are_there_are_summed_up(recorded: Recorded, tmp
     values = comparison.as_dict()
     assert values["recorded"]["steps"] == values["replayed"]["steps"] == STEPS - 3
     assert values["recorded"]["mean_quality"] == values["replayed"]["mean_quality"]
-    assert comparison.notes == ["events are there of 3 of 6 steps (steps 4 to 6): only those are summed up"]
+    assert comparison.notes == ["events exist for 3 of 6 steps (steps 4 to 6): only these are counted"]
     assert comparison.agreement.compared == STEPS
 
 
@@ -382,7 +382,7 @@ def test_over_the_wire_with_all_results(server: Server, folder: Path, tmp_path: 
     agreement = comparison.agreement
     assert agreement.exact or not computes_as_servers()
     assert agreement.replayed_min == pytest.approx(agreement.recorded_min, abs=1e-12, nan_ok=True)
-    assert comparison.unpromised == "equal bits are not promised: another server made the replay"
+    assert comparison.unpromised == "equal bits are not guaranteed: the replay ran on another server"
     assert {"comparison.json", "summary.json", "steps.csv", "points.npy", "mesh.pvd"} <= {
         path.name for path in out.iterdir()
     }

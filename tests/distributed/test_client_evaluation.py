@@ -244,7 +244,7 @@ def test_two_nodes_at_the_same_place_are_refused(server):
     points = np.concatenate([square, square + np.array([1.0, 0.0])])
     patches = {"left": Patch("moving", [0, 1, 2, 3]), "right": Patch("fixed", [4, 5, 6, 7])}
     mesh = Mesh(points, {"quad": [[0, 1, 2, 3], [4, 5, 6, 7]]}, patches)
-    with connect(server.endpoint) as client, pytest.raises(InvalidInput, match="is at the place of that with 1"):
+    with connect(server.endpoint) as client, pytest.raises(InvalidInput, match="has the same position as that with 1"):
         client.open(mesh, SETTINGS, evaluation="client")
 
 
@@ -355,7 +355,7 @@ def test_what_draws_or_repeats_a_session_says_that_its_cells_are_elsewhere(tmp_p
         drive(session, mesh, 1)
     folder = tmp_path / "sessions" / session.credentials.session
     for look in (read_pair, read_recorded):
-        with pytest.raises(InvalidInput, match="its cells are with the client"):
+        with pytest.raises(InvalidInput, match="the client has its cells"):
             look(folder)
     assert inspect_session(folder).state == "whole"
 

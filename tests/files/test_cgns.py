@@ -336,7 +336,7 @@ def swell(node: Any) -> None:
         (lambda b, z: section(z, "s", 10, 1, 10**12, [1, 2, 3, 4]), "elements 1 to 1000000000000"),
         (lambda b, z: section(z, "s", 25, 1, 1, range(1, 10)), "CGNS' type 25; known are .* first and second order"),
         (lambda b, z: section(z, "s", 20, 1, 2, [10, 1, 2, 3, 4, 25]), "element 1 of the section is of CGNS' type 25"),
-        (lambda b, z: section(z, "s", 20, 1, 1, [10, 1, 2, 3, 4], [0, 4]), "ElementStartOffset does not run"),
+        (lambda b, z: section(z, "s", 20, 1, 1, [10, 1, 2, 3, 4], [0, 4]), "ElementStartOffset does not increase"),
         (lambda b, z: section(z, "s", 22, 1, 1, [3, 1, 2, 3]), "NGON_n faces without NFACE_n cells"),
         (lambda b, z: section(z, "s", 23, 1, 1, [3, 1, 2, 3]), "NFACE_n cells without NGON_n faces"),
         (broken(lambda b, z: condition(z, "c", "PointList", [9])), "c: it names node 9, .* nodes 1 to 4"),

@@ -131,7 +131,7 @@ def test_vtk_reads_the_same_cells_of_fluent(tmp_path: Path) -> None:
         ("m.meshb", "MeshVersionFormatted 2\n", r"a Medit mesh, which is not read \(Gmsh reads it: gmsh FILE -save"),
         ("m.bdf", "SOL 101\nCEND\nBEGIN BULK\n", r"a Nastran deck, which is not read"),
         ("m.mesh", "MeshVersionFormatted 2\n", "a Medit mesh, which is not read"),
-        ("m.mesh", "MFEM NURBS mesh v1.0\n", r"an MFEM mesh of another kind, which is not read \(read are .* MFEM ref"),
+        ("m.mesh", "MFEM NURBS mesh v1.0\n", r"an MFEM mesh of another kind, which is not read \(versions .* are read; .* MFEM writes"),
         ("m.vol", "mesh3d\ndimension\n3\n", r"a Netgen mesh, .*Export Mesh"),
         ("m.case", "FORMAT\ntype: ensight gold\n", "an EnSight case, which is not read"),
         ("m.ccm", "@(#)ADF Database Version A02011>", r"a STAR-CCM\+ mesh, which is not read"),
@@ -148,7 +148,7 @@ def test_vtk_reads_the_same_cells_of_fluent(tmp_path: Path) -> None:
         ("m.vtu", "<!DOCTYPE html>\n<html>", "a page of the web, which is not read"),
         ("m.msh", "\xef\xbb\xbf$MeshFormat\n", "a text with a byte order mark, which is not read"),
         ("m.dat", '# by x\nVARIABLES = "X"\n', "a Tecplot file, which is not read"),
-        ("m.h5m", "\x89HDF\r\n\x1a\n", r"a file in HDF5, which is not read \(its ending says"),
+        ("m.h5m", "\x89HDF\r\n\x1a\n", r"a file in HDF5, which is not read \(give it the ending"),
         ("m.msh", "$NOD\n3\n", r"a Gmsh mesh of version 1, which is not read \(Gmsh reads it"),
         ("m.k", "*KEYWORD\n*NODE\n 1 0. 0. 0.\n", "an LS-DYNA deck, which is not read"),
         ("m.inp", "*KEYWORD\n*NODE\n 1 0. 0. 0.\n", "an LS-DYNA deck, which is not read"),
@@ -167,7 +167,7 @@ def test_vtk_reads_the_same_cells_of_fluent(tmp_path: Path) -> None:
         ("m.txt", "DBRep_DrawableShape\n", r"a geometry \(BREP\), which is not read"),
         ("blockMeshDict", "FoamFile\n{\n", r"a file of OpenFOAM, which is not read \(give the folder"),
         ("m.pvd", '<VTKFile type="Collection"/>', r"a VTK file of type Collection, .*\(give one of the files"),
-        ("m.vti", '<VTKFile type="ImageData"/>', r"a VTK file of type ImageData, .*\(ParaView's filter Append"),
+        ("m.vti", '<VTKFile type="ImageData"/>', r"a VTK file of type ImageData, .*\(convert it with ParaView's filter Append"),
         ("m.msh", "hello", r"neither a Gmsh mesh nor a Fluent mesh: it begins with b'hello'"),
     ],
 )
@@ -312,13 +312,13 @@ def test_med_and_exodus_files_that_do_not_fit(tmp_path: Path) -> None:
     ("write", "old", "new", "message"),
     [
         (abaqus, "C3D8", "C3D20", r"\*ELEMENT in line 32: elements C3D20 of 20 nodes, but 72 numbers follow"),
-        (abaqus, "1, S", "77, S", "element 77 is named, but is not there"),
+        (abaqus, "1, S", "77, S", "element 77 is named, but does not exist"),
         (abaqus, ", S1", ", S9", "side 9 of a hexahedron"),
-        (abaqus, "\n27, ", "\n28, ", "node 27 is named, but is not there"),
+        (abaqus, "\n27, ", "\n28, ", "node 27 is named, but does not exist"),
         (abaqus, "\n27, ", "\n26, ", "node 26 appears twice"),
         (abaqus, "\n27, ", f"\n{10**20}, ", "too large"),
-        (abaqus, "*ELEMENT, TYPE=C3D8", "*NGEN\n1, 3\n*ELEMENT, TYPE=C3D8", r"\*NGEN in line 32: it makes nodes"),
-        (abaqus, "*Node", "*SYSTEM\n0, 0, 1\n*Node", "coordinates of their own"),
+        (abaqus, "*ELEMENT, TYPE=C3D8", "*NGEN\n1, 3\n*ELEMENT, TYPE=C3D8", r"\*NGEN in line 32: it generates nodes"),
+        (abaqus, "*Node", "*SYSTEM\n0, 0, 1\n*Node", "nodes in a local coordinate system"),
         (abaqus, "NSET=Nall", "NSET=Nall, SYSTEM=C", "SYSTEM=C, expected Cartesian"),
         (abaqus, "*STEP", "*INSTANCE, NAME=a, PART=p\n1, 0, 0\n*STEP", "'a' is moved to its place"),
         (abaqus, "*STEP", "*INSTANCE, NAME=a, PART=p\n*INSTANCE, NAME=b, PART=p\n*STEP", "'b' follows 'a', but one"),
@@ -329,9 +329,9 @@ def test_med_and_exodus_files_that_do_not_fit(tmp_path: Path) -> None:
             "*NSET, NSET=n, GENERATE\n1, 3000000000, 1\n*SURFACE",
             "more than 50000000 numbers from 1 to",
         ),
-        (kratos, "\n27 ", "\n28 ", "node 27 is named, but is not there"),
+        (kratos, "\n27 ", "\n28 ", "node 27 is named, but does not exist"),
         (kratos, "\n24\n", "\n25\n", "names condition 25, which is not there"),
-        (kratos, "End Elements", "End Conditions", "line 43: 'End Conditions' ends no block that is open"),
+        (kratos, "End Elements", "End Conditions", "line 43: 'End Conditions' ends a block that is not open"),
     ],
 )
 def test_text_of_finite_elements_that_does_not_fit(
@@ -505,7 +505,7 @@ def test_elmer_folders_that_do_not_fit_and_calculix_input_whatever_it_is_called(
     (tmp_path / "mesh" / "mesh.elements").write_text(text.replace("808", "504"))
     one_line(tmp_path / "mesh", "row 1 of mesh.elements is of type 504, but has 8 nodes")
     (tmp_path / "mesh" / "mesh.elements").write_text(text.replace(" 27\n", " 28\n").replace(" 27 ", " 28 "))
-    one_line(tmp_path / "mesh", "mesh.elements: node 28 is named, but is not there")
+    one_line(tmp_path / "mesh", "mesh.elements: node 28 is named, but does not exist")
     (tmp_path / "mesh" / "mesh.nodes").unlink()
     one_line(tmp_path / "mesh", "there is no mesh.nodes")
     abaqus(tmp_path / "all.msh")  # preCICE's tutorials call it so
@@ -545,10 +545,10 @@ def test_abaqus_input_in_several_files(tmp_path: Path) -> None:
         (mfem, "\n1 5 0 ", "\n1 9 0 ", "row 0 of elements is of geometry 9"),
         (mfem, "vertices\n27\n", "vertices\n28\n", "28 vertices with 3 coordinates: 81 numbers, expected 84"),
         (mfem, "dimension", "dimensions", "it has no dimension"),
-        (mfem_by_axes, "H1_3D_P1", "L2_T1_3D_P1", "its nodes are of L2_T1_3D_P1; read are continuous ones"),
+        (mfem_by_axes, "H1_3D_P1", "L2_T1_3D_P1", "its nodes are of L2_T1_3D_P1; only continuous ones are read"),
         (xdmf, "Hexahedron", "Polygon", "a topology of type polygon"),
         (xdmf, 'Dimensions="8 8"', 'Dimensions="9 8"', "an item of 64 numbers, but Dimensions '9 8'"),
-        (xdmf, "Grid/Geometry)", "Grid/Geo)", "the reference .* leads to nothing that is known"),
+        (xdmf, "Grid/Geometry)", "Grid/Geo)", "the reference .* has no target"),
         (xdmf_hdf5, ":/Mesh/cells", ":/Mesh/no", "object 'no' doesn't exist"),
         (
             xdmf,
@@ -560,9 +560,9 @@ def test_abaqus_input_in_several_files(tmp_path: Path) -> None:
             xdmf,
             "<Grid ",
             '<Grid ItemType="x" Reference="/Xdmf/Domain/Grid[@Reference]"/><Grid ',
-            "leads to nothing|no Geometry",
+            "has no target|no Geometry",
         ),
-        (xdmf_binary, "m.bin", "n.bin", "there is no .*n.bin, which has its numbers"),
+        (xdmf_binary, "m.bin", "n.bin", "there is no .*n.bin, which should hold its numbers"),
     ],
 )
 def test_unv_mfem_and_xdmf_that_do_not_fit(

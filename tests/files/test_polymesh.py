@@ -307,7 +307,7 @@ def test_older_forms_are_read(tmp_path: Path) -> None:
         ({"faces": "4 ((0 2 1) (0 1 3) (1 2 3) (0 3 2))"}, "face 0 has no count"),
         ({"faces": "9 (3(0 2 1) 3(0 1 3) 3(1 2 3) 3(0 3 2))"}, "a list of 9 faces, but 4 are written"),
         ({"owner": "4(0 0 -1 0)"}, "the owner of face 2 is cell -1, which is negative"),
-        ({"owner": "4(0 0 999999999999 0)"}, "owner of face 2 is cell 999999999999, which cannot be"),
+        ({"owner": "4(0 0 999999999999 0)"}, "owner of face 2 is cell 999999999999, which is too large"),
         ({"owner": "4(0 0 99999999999999999999 0)"}, "owner: not a list of numbers"),
         ({"owner": "3(0 0 0)"}, "4 faces, but 3 owners"),
         ({"owner": "900000000000{0}"}, "owner: a list of 900000000000 entries, but at most 4"),
@@ -342,7 +342,7 @@ def test_damaged_files_give_one_clear_line(tmp_path: Path, changes: dict[str, st
 def test_a_missing_file_and_one_without_a_header(tmp_path: Path, name: str) -> None:
     folder = tetra(tmp_path)
     (folder / name).write_text("hello")
-    with pytest.raises(InvalidInput, match=f"{name}: no OpenFOAM file"):
+    with pytest.raises(InvalidInput, match=f"{name}: not an OpenFOAM file"):
         read_mesh(folder)
     (folder / name).unlink()
     with pytest.raises(InvalidInput, match=f"no file '{name}'"):

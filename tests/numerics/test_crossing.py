@@ -84,11 +84,11 @@ def test_a_move_of_leaflets_says_that_no_mesh_exists(method: dict[str, Any]) -> 
     model = leaflets(2, triangles=True).with_method(**method)
     with pytest.raises(QualityRefused, match="no valid mesh exists") as caught:
         model.move(model.points, closed(model, 0.12, 0.12))
-    assert "is it one unit" not in caught.value.hint
+    assert "do both have the same unit" not in caught.value.hint
     with pytest.raises(QualityRefused, match="no valid mesh exists") as caught:
         model.move(model.points, closed(model, 12.0, 12.0))
     assert caught.value.hint.endswith(
-        "the motion's largest displacement is 12 and the mesh's extent 2.24: is it one unit?"
+        "the motion's largest displacement is 12 and the mesh's extent 2.24: do both have the same unit?"
     )
 
 

@@ -144,7 +144,7 @@ MOVES: dict[str, tuple[Callable[[Session], Any], str]] = {
     "three coordinates in a plane": (lambda s: s.move(np.zeros((ROWS, 3))), r"shape \(12, 2\).*got \(12, 3\)"),
     "a row for every node": (
         lambda s: s.move(np.zeros((723, 2))),
-        r"one row a moving node, got \(723, 2\).*moving_nodes",
+        r"one row for each moving node, got \(723, 2\).*moving_nodes",
     ),
     "rows lying down": (lambda s: s.move(np.zeros((2, ROWS))), r"got \(2, 12\)"),
     "not a number": (

@@ -292,7 +292,7 @@ def test_a_trial_whose_cells_are_with_the_client_is_corrected_and_so_again_once_
 
 def test_a_boundary_of_which_a_node_is_on_no_patch_does_not_determine_the_motion(tmp_path: Path) -> None:
     session = apart(tmp_path, loose=((0.5, 0.8),))
-    with pytest.raises(InvalidInput, match="global id 12 is on the boundary and on no patch"):
+    with pytest.raises(InvalidInput, match="global id 12 is on the boundary, but on no patch"):
         session.build()
     session.close()
 

@@ -136,7 +136,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--mesh", type=Path, help="mesh file, instead of [mesh] file")
     parser.add_argument("--config", type=Path, help="preCICE's configuration, instead of [precice] config")
-    parser.add_argument("--restart", action="store_true", help="go on with the session of --session")
+    parser.add_argument("--restart", action="store_true", help="continue the session of --session")
     session = Path("mesh-motion.session")
     parser.add_argument("--session", type=Path, default=session, help="the session's name and secret (%(default)s)")
     levels = ("debug", "info", "warning")

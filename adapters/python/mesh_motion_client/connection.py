@@ -175,9 +175,9 @@ class Connection:
         if event == zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL and value == zmq.PROTOCOL_ERROR_ZMTP_MECHANISM_MISMATCH:
             self.close()
             raise SessionError(
-                f"the server at {self.endpoint} and this client do not agree whether there are keys",
+                f"the server at {self.endpoint} and this client do not agree about the use of keys",
                 code="UNAUTHENTICATED",
-                hint="give keys for a server that was started with --keys, and none for any other",
+                hint="give keys only for a server that was started with --keys",
             )
 
     @property
@@ -205,7 +205,7 @@ def check_process(process: int) -> None:
         raise SessionError(
             f"a forked child cannot use the connections of its parent (process {process})",
             code="FAILED_PRECONDITION",
-            hint="connect in the child, and take the session up there with server.resume(session.credentials)",
+            hint="connect in the child, and resume the session there with server.resume(session.credentials)",
         )
 
 

@@ -153,7 +153,8 @@ class BoundaryLog:
         found = self._record(place)
         if found is None or found[0].row_bytes < 8:
             raise DataLoss(
-                f"{self._paths[place >> _OFFSET_BITS]}: what the boundary did in step {step} does not verify",
+                f"{self._paths[place >> _OFFSET_BITS]}: the recorded motion of the boundary in step {step} "
+                "has a wrong checksum",
                 hint=f"replay the steps before it: --until {step - 1}",
                 details={"step": step},
             )

@@ -132,7 +132,7 @@ class Page:
     async def _made(self, thread: Executor, make: Callable[[], Answer]) -> Answer:
         """An answer, computed in its thread."""
         if self._waiting[thread] >= _WAITING:
-            raise HTTPException(503, "too many questions at a time")
+            raise HTTPException(503, "too many requests at a time")
         self._waiting[thread] += 1
         try:
             return await asyncio.get_running_loop().run_in_executor(thread, make)

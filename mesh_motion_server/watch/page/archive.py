@@ -79,7 +79,7 @@ class Archive:
         except MemoryError:
             raise InvalidInput("the mesh is too large to be drawn here") from None
         except ModuleNotFoundError as error:
-            missing = f"the server has no {error.name} (the extra monitor)"
+            missing = f"the server has no package {error.name}: install the extra monitor"
             raise InvalidInput(f"the mesh cannot be drawn: {missing}") from None
 
     def _follow(self, session: str) -> Reading:

@@ -67,7 +67,7 @@ def rendered(where: str, look: Look, trouble: str = "", most_rows: int | None = 
     count = len(look.sessions)
     rows: list[RenderableType] = [inert(f"{where}: {count} session{'s' if count != 1 else ''}", style="bold")]
     if look.sessions and all(entry["worker"] == "none" for entry in look.sessions):
-        trouble = trouble or "no process holds a session: these are files"
+        trouble = trouble or "no process holds a session: the table comes from stored files"
     if trouble:
         rows.append(inert(trouble, style="bold yellow"))
     if look.sessions:

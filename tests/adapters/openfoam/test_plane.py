@@ -152,7 +152,7 @@ def test_a_restart_from_an_earlier_time_begins_a_new_session(make_case):
     case.run("checkMesh", "-latestTime")
     assert "Mesh OK." in case.output
     (case.folder / "0.2/uniform/remoteMeshMotion/credentials").unlink()
-    assert "its credentials are deleted" in case.run("moveDynamicMesh")
+    assert "its credentials were deleted" in case.run("moveDynamicMesh")
 
 
 @pytest.mark.parametrize(

@@ -109,7 +109,7 @@ def test_the_adapter_configuration_of_precice_s_guidelines_says_the_same(adapter
         (('"case"', '"file"'), "unknown key 'file' in mesh-motion"),
         (('"case.toml"', '"none.toml"'), "none.toml cannot be read"),
         (('"Volume"', "7"), "write.mesh: expected a name, got 7"),
-        (('["lower"]', "3"), "a value has not the type"),
+        (('["lower"]', "3"), "a value has another type"),
         (("{", "["), "not a JSON file"),
     ],
 )
@@ -119,7 +119,7 @@ def test_the_first_offender_of_the_adapter_configuration_is_named(change, words,
 
 
 def test_nothing_is_said_in_both_files(adapter_config):
-    with pytest.raises(InvalidInput, match=r"\[write\] stands in .*case.toml, and in this file as well"):
+    with pytest.raises(InvalidInput, match=r"\[write\] is in .*case.toml and also in this file"):
         read_configuration(adapter_config(more='[write]\nmesh = "Volume"\n'))
 
 

@@ -18,7 +18,7 @@ def test_other_content_conflicts_also_after_a_failure() -> None:
     table.store(ask(2), None)
     assert table.find(ask(2)) is None
     for sequence in (1, 2):
-        with pytest.raises(SessionError, match=f"request {sequence} was already made") as caught:
+        with pytest.raises(SessionError, match=f"request {sequence} was already sent") as caught:
             table.find(ask(sequence, b"y"))
         assert caught.value.code == "ABORTED.CONFLICT"
 

@@ -65,7 +65,7 @@ let failed = false;
 globalThis.fetch = async (path, options) => {
   if (failed || !path.includes(kind)) return asked(path, options);
   failed = true;
-  return new Response('{"message": "too many questions at a time"}', { status: 503 });
+  return new Response('{"message": "too many requests at a time"}', { status: 503 });
 };
 """
 

@@ -239,7 +239,7 @@ def test_lists_that_wait_are_bounded_and_hold_up_no_other_question(
     with ThreadPoolExecutor(3) as many:
         answers = [many.submit(asked.get, "/api/sessions") for _ in range(3)]
         refused = next(as_completed(answers)).result()
-        assert (refused.status_code, refused.json()["message"]) == (503, "too many questions at a time")
+        assert (refused.status_code, refused.json()["message"]) == (503, "too many requests at a time")
         assert asked.get(f"/api/sessions/{SESSION}").status_code == 200
         release.set()
     assert sorted(answer.result().status_code for answer in answers) == [200, 200, 503]
