@@ -155,7 +155,10 @@ def test_steps_below_the_threshold_are_counted_and_time_is_kept(make_case) -> No
 @pytest.mark.parametrize(
     ("motion", "part"),
     [
-        ("translation = [50.0, 20.0]", r"largest displacement is 53\.9 and the mesh's extent 1\.41: do both have the same unit"),
+        (
+            "translation = [50.0, 20.0]",
+            r"largest displacement is 53\.9 and the mesh's extent 1\.41: do both have the same unit",
+        ),
         ("translation = [5e-6, 2e-6]", "do both have the same unit"),
         ("translation = [0.6, 0.0]", r"the body leaves the domain in step 2: node \d+ comes to \(1\.\d+, "),
     ],

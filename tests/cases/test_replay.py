@@ -271,7 +271,11 @@ def test_another_machine_or_version_makes_no_promise(recorded: Recorded, folder:
     assert comparison.unpromised == ""
     assert comparison.broken_promise()
     mixed = [(1, "mesh-motion-server 0.0.1"), (3, maker())]
-    for makers, why in (([(1, "")], "does not record"), ([], "does not record"), (mixed, "computed by mesh-motion-server 0")):
+    for makers, why in (
+        ([(1, "")], "does not record"),
+        ([], "does not record"),
+        (mixed, "computed by mesh-motion-server 0"),
+    ):
         other = replace(comparison, recorded=replace(seeded, makers=makers))
         assert why in other.unpromised
         assert other.broken_promise() == ""

@@ -1,4 +1,4 @@
-"""The row of attacks: a few of them, and servers that fall or keep something are found."""
+"""The row of attacks: a few attacks, and detection of servers that fail or keep something."""
 
 import os
 import subprocess
@@ -15,7 +15,7 @@ from tests.faults.processes import Usage, descendants, usage_of
 
 
 def bare_target(pid: int, usage: Usage) -> Any:
-    """A target of one process that is no server."""
+    """A target of one process that is not a server."""
     made = object.__new__(Target)
     made.name, made.keys = "of the test", None
     made._process, made._calm = pid, {pid: usage}

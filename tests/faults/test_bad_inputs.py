@@ -1,4 +1,4 @@
-"""Bad inputs are refused as their rows say, extreme ones are taken, and a server that checks less is found out."""
+"""Bad inputs are refused as their rows say, extreme ones are accepted, and a server with fewer checks is detected."""
 
 import math
 from collections import Counter
@@ -19,7 +19,7 @@ from tests.faults.numerical_input import BAD_INPUTS, prove_bad_inputs, prove_ext
 
 
 def rows(*starts: str) -> list[Any]:
-    """The rows whose names begin so."""
+    """The rows whose names begin with one of these texts."""
     found = [row for row in BAD_INPUTS if row.name.startswith(starts)]
     assert found
     return found

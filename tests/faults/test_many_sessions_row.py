@@ -1,4 +1,4 @@
-"""The row of many sessions: a few of them, and servers that mix them up or keep something of them."""
+"""The row of many sessions: a few sessions, and detection of servers that mix them up or keep data of them."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -41,7 +41,7 @@ def test_sessions_that_are_mixed_up_are_found(seed: Seed, tmp_path: Path, monkey
 
 
 class Polite(Random):
-    """Draws so that holders close their sessions."""
+    """Random choices with which holders close their sessions."""
 
     def random(self) -> float:
         return 0.0
@@ -83,6 +83,6 @@ def test_lists_and_limits_that_are_wrong_are_found(tmp_path: Path, monkeypatch: 
 
 
 def _ask_until_answered(made: Fleet) -> None:
-    """Ask a server that has room, as soon as its worker has ended."""
+    """Send a request to a server with room, right after its worker has ended."""
     while True:
         row.require_full(made)

@@ -131,7 +131,11 @@ def test_vtk_reads_the_same_cells_of_fluent(tmp_path: Path) -> None:
         ("m.meshb", "MeshVersionFormatted 2\n", r"a Medit mesh, which is not read \(Gmsh reads it: gmsh FILE -save"),
         ("m.bdf", "SOL 101\nCEND\nBEGIN BULK\n", r"a Nastran deck, which is not read"),
         ("m.mesh", "MeshVersionFormatted 2\n", "a Medit mesh, which is not read"),
-        ("m.mesh", "MFEM NURBS mesh v1.0\n", r"an MFEM mesh of another kind, which is not read \(versions .* are read; .* MFEM writes"),
+        (
+            "m.mesh",
+            "MFEM NURBS mesh v1.0\n",
+            r"an MFEM mesh of another kind, which is not read \(versions .* are read; .* MFEM writes",
+        ),
         ("m.vol", "mesh3d\ndimension\n3\n", r"a Netgen mesh, .*Export Mesh"),
         ("m.case", "FORMAT\ntype: ensight gold\n", "an EnSight case, which is not read"),
         ("m.ccm", "@(#)ADF Database Version A02011>", r"a STAR-CCM\+ mesh, which is not read"),
@@ -167,7 +171,11 @@ def test_vtk_reads_the_same_cells_of_fluent(tmp_path: Path) -> None:
         ("m.txt", "DBRep_DrawableShape\n", r"a geometry \(BREP\), which is not read"),
         ("blockMeshDict", "FoamFile\n{\n", r"a file of OpenFOAM, which is not read \(give the folder"),
         ("m.pvd", '<VTKFile type="Collection"/>', r"a VTK file of type Collection, .*\(give one of the files"),
-        ("m.vti", '<VTKFile type="ImageData"/>', r"a VTK file of type ImageData, .*\(convert it with ParaView's filter Append"),
+        (
+            "m.vti",
+            '<VTKFile type="ImageData"/>',
+            r"a VTK file of type ImageData, .*\(convert it with ParaView's filter Append",
+        ),
         ("m.msh", "hello", r"neither a Gmsh mesh nor a Fluent mesh: it begins with b'hello'"),
     ],
 )
