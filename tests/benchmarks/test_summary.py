@@ -1,4 +1,4 @@
-"""The run of all benchmarks: the aims against made-up figures, the page, and one short run end to end."""
+"""The run of all benchmarks: the aims on artificial figures, the page, and one short run end to end."""
 
 import subprocess
 from dataclasses import replace

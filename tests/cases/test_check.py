@@ -181,7 +181,7 @@ def test_a_patch_of_the_outer_boundary_may_bulge(make_case) -> None:
 
 
 def test_a_file_of_lines_is_recognised(tmp_path: Path) -> None:
-    """What Gmsh saves where only the group of a straight wall is there."""
+    """A file of Gmsh with only the group of a straight wall."""
     straight = np.c_[np.linspace(0.0, 1.0, 5), np.zeros((5, 2))]
     lines = np.c_[np.arange(4), np.arange(1, 5)]
     meshio.write(tmp_path / "wall.vtu", meshio.Mesh(straight, [("line", lines)]))

@@ -1,4 +1,4 @@
-"""What play does with a case and with replies: through a stand-in, and once through a real server over the wire."""
+"""The handling of a case and of replies by play: with a stand-in, and once with a real server."""
 
 import csv
 import json
@@ -82,7 +82,7 @@ class StandIn:
 
 
 def faces_at(angle: float) -> dict[str, Any]:
-    """What MOVED says of the faces of a mesh."""
+    """The report of MOVED on the faces of a mesh."""
     worst = [{"cell": k, "centre": [0.5, 0.5], "non_orthogonality": angle - k} for k in range(10)]
     above = {"faces_above_65": int(angle > 65), "faces_above_75": 0}
     return {"faces": 40, "max_non_orthogonality": angle, "max_skewness": angle / 40, "min_volume_ratio": 0.5,
@@ -96,7 +96,7 @@ def wendland(a: np.ndarray, b: np.ndarray, radius: float) -> np.ndarray:
 
 
 def opener(sessions: list[StandIn], refuse_at: int | None = None) -> Any:
-    """What replaces ``open_session``; the sessions it opened go to a list."""
+    """A replacement of ``open_session``; its sessions go to a list."""
 
     @contextmanager
     def open_stand_in(case: Case, mesh: MeshFile, *options: Any, **more: Any) -> Iterator[StandIn]:
@@ -234,7 +234,7 @@ def test_a_refused_step_keeps_the_steps_before_it(make_case, stand_in: Plays, tm
     with pytest.raises(QualityRefused) as refused:
         play(make_case(), out)
     found = {f.name for f in out.iterdir()}
-    # what the first run has left is gone, and the last accepted mesh does not pass for the final one
+    # results of the first run are removed, and the last accepted mesh is not stored as the final one
     assert "points.npy" not in found
     assert {"notes.txt", "accepted.npy", "refused.vtu", "mesh_0000.vtu", "mesh_0001.vtu", "quality.png"} <= found
     assert "mesh_0002.vtu" not in found
@@ -326,7 +326,7 @@ def test_without_matplotlib_all_but_the_picture(
 
 
 def nothing_is_left(server: Server) -> bool:
-    """No session: a discarded one leaves the list with CLOSED."""
+    """Wait until there is no session: a discarded one leaves the list with CLOSED."""
     deadline = time.monotonic() + 20.0
     while server.sessions() and time.monotonic() < deadline:
         time.sleep(0.05)

@@ -1,4 +1,4 @@
-"""A stored session replayed: the same bits with the same settings, whatever happened; differences are reported."""
+"""Replay of a stored session: the same bits with the same settings in all cases; differences are reported."""
 
 import csv
 import json
@@ -44,7 +44,7 @@ def new_driver(root: Path, meshes: list[PartitionMesh], level: str = "full", **s
 
 
 def record(root: Path, level: str = "full", parts: int = 1, **settings: Any) -> Path:
-    """A life with iterations, roll-backs, both frames, a refusal and a resumption; the session's folder."""
+    """A session with iterations, roll-backs, both frames, a refusal and a resumption; its folder."""
     whole = boxed(9)
     driver = new_driver(root, [whole] if parts == 1 else split_mesh(whole, parts), level, **settings)
     for step in range(1, STEPS + 1):
@@ -78,7 +78,7 @@ def record(root: Path, level: str = "full", parts: int = 1, **settings: Any) -> 
 
 
 class InProcess:
-    """A session without a socket, as a client has it."""
+    """A session without a socket, with the methods of a client's session."""
 
     def __init__(self, recorded: Recorded, root: Path, changes: dict[str, Any]) -> None:
         view = recorded.mesh
@@ -153,14 +153,14 @@ class Late(BoundaryLog):
 
 
 class Untimed(BoundaryLog):
-    """Of a session of before times were recorded."""
+    """A session from a version that recorded no times."""
 
     timed = False  # type: ignore[assignment]
 
 
 @pytest.mark.parametrize("levels", ["bdf2", "bossak"])
 def test_velocities_are_compared_in_a_session_with_time_levels(levels: str, tmp_path: Path) -> None:
-    """Replay, inspect and the pair of meshes that plot draws read the coordinates of such a session, not its levels."""
+    """Replay, inspect and plot read the coordinates of such a session, not its time levels."""
     meshes = [boxed(9)]
     driver = with_levels(tmp_path / "recorded", meshes, levels)
     for step, time in enumerate((0.25, 1.0, 1.125), start=1):
@@ -303,7 +303,7 @@ def test_steps_of_another_life_than_the_stored_one_are_not_replayed(
 
 
 def test_steps_before_another_life_are_replayed(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The journal knows the last four steps, and the log has other ones from the fifth on."""
+    """The journal has the last four steps, and the log has other ones from the fifth on."""
     digest = BoundaryLog(folder).digest
     commits = tuple(CommitEntry(step, digest(step) if step < 5 else b"x" * 32, (), b"") for step in range(3, STEPS + 1))
     ledger = replace(read_ledger(folder, PosixFileSystem()), commits=commits)

@@ -1,4 +1,4 @@
-"""The story of a step: what an engineer asks is in it."""
+"""The story of a step has the facts that an engineer needs."""
 
 import json
 from dataclasses import asdict

@@ -1,4 +1,4 @@
-"""Replies in memory that client and worker share: over an ipc endpoint, with the bits of any other way."""
+"""Replies in memory shared by client and worker over an ipc endpoint: the same bits as over any connection."""
 
 from dataclasses import replace
 
@@ -22,7 +22,7 @@ def large_mesh():
 
 @pytest.fixture
 def taken(monkeypatch):
-    """What was offered with each MOVE."""
+    """The memory offered with each MOVE."""
     offered, take = [], ReplyMemory.take
 
     def refuse(self):

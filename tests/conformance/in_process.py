@@ -1,7 +1,7 @@
-"""The server's own parts in one thread: what a seeded fault in any of them looks like from outside, in milliseconds.
+"""The server's own parts in one thread: the effect of a seeded fault on a client, within milliseconds.
 
-Gateway, control, workers and session hosts are the real ones; only the processes between them are left out, and the
-model is one that computes next to nothing.
+Gateway, control, workers and session hosts are the real ones; only the processes between them are missing, and the
+model is very cheap.
 """
 
 import contextlib
@@ -44,7 +44,7 @@ class Line:
 
 
 class WorkerThere:
-    """What the supervisor has of a worker: its child, and here the worker as well."""
+    """The supervisor's data of a worker: its child, and here the worker as well."""
 
     def __init__(self, server, order):
         self.pid, self.server, self.worker = next(server.numbers), server, None

@@ -1,4 +1,4 @@
-"""What docs/operations.md shows is run, or checked against what it is about."""
+"""Commands of docs/operations.md are run, and its facts are compared with the code."""
 
 import json
 import re

@@ -41,7 +41,7 @@ def test_the_ten_lines_and_the_client_run(tmp_path: Path, endpoint: str) -> None
 
 
 def here(text: str, endpoint: str) -> str:
-    """The text's machines are this one."""
+    """This machine plays all machines of the text."""
     return text.replace("tcp://0.0.0.0:7440", endpoint).replace("tcp://workstation:7440", endpoint)
 
 

@@ -1,4 +1,6 @@
-"""What the documentation's site adds to the pages: navigation, parts written from the code, a check of every link."""
+"""Additions of the documentation's site to the pages: navigation, parts generated from the code, a check of every
+link.
+"""
 
 import re
 from pathlib import Path

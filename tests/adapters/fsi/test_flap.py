@@ -1,6 +1,6 @@
 """The perpendicular flap's first windows, with OpenFOAM and CalculiX: both mesh motions, a killed run, clear errors.
 
-What examples/perpendicular_flap/README.md, adapters/fsi/README.md and docs/tutorials/openfoam_flap.md show.
+The commands of examples/perpendicular_flap/README.md, adapters/fsi/README.md and docs/tutorials/openfoam_flap.md.
 """
 
 import importlib.util
@@ -80,7 +80,7 @@ def test_what_the_server_stored_can_be_looked_at(undisturbed):
 
 @pytest.mark.nightly
 def test_openfoams_own_mesh_motion_gives_the_same_tip(flap, undisturbed, tmp_path):
-    """While the flap moves little, the mesh behind it does not matter."""
+    """While the flap moves little, the motion of the mesh has no influence."""
     rows = play(flap, tmp_path, "--windows", "5", "--motion", "laplacian")
     np.testing.assert_allclose([row.x for row in rows], [row.x for row in undisturbed[1]], rtol=0.02)
     shutil.rmtree(tmp_path / "fluid" / "0.05")

@@ -15,7 +15,7 @@ from mesh_motion_openmdao.component import MeshMotion  # noqa: E402
 
 @pytest.fixture(autouse=True)
 def _writes_elsewhere(tmp_path, monkeypatch):
-    """OpenMDAO leaves a folder where it runs."""
+    """OpenMDAO writes a folder into its working folder."""
     monkeypatch.chdir(tmp_path)
 
 
