@@ -1,4 +1,4 @@
-"""Parts of a boundary that are turned inside out, in 2D and 3D; turned, moved or open ones are not."""
+"""Parts of a boundary that are inside out, in 2D and 3D; parts that are rotated, moved or open are not."""
 
 from typing import Any
 
@@ -14,7 +14,7 @@ HALVES = np.concatenate([FACES[1:][:, [0, 1, 2]], FACES[1:][:, [0, 2, 3]]])
 
 
 def both(points: Any, facets: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
-    """A part and, far away, another."""
+    """One part, and another far away."""
     n = len(points)
     return np.concatenate([points, points + 9.0]), {k: np.concatenate([f, f + n]) for k, f in facets.items()}
 

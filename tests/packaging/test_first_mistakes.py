@@ -1,6 +1,6 @@
-"""The first mistakes of those who have never seen the tool: each answer names the offender, what was expected, a way.
+"""The first mistakes of new users: each answer names the offender, the expected value, and a way out.
 
-A table of what is done and of what the answer must say: no traceback of something else, and no long wait.
+A table of mistakes and their answers: no unrelated traceback, and no long wait.
 """
 
 import re
@@ -95,7 +95,7 @@ def session(server: Server) -> Iterator[Session]:
 
 
 def two_holders(server: Server) -> None:
-    """The first one goes on after another one has taken the session."""
+    """The first client continues after another one has resumed the session."""
     first = server.open(mesh(), {"support_radius": 0.5})
     try:
         with server.resume(first.credentials):

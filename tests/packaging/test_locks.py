@@ -1,4 +1,4 @@
-"""The exact environments fit the requirements, name a hash for each file, and no place to fetch it from."""
+"""The exact environments fulfil the requirements, have a hash for each file, and name no package index."""
 
 import re
 import tomllib

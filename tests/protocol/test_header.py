@@ -1,4 +1,4 @@
-"""Frame 0 to the byte: what is just admitted, what is just refused."""
+"""Frame 0 to the byte: headers that are just admitted, and headers that are just refused."""
 
 import sys
 
@@ -10,7 +10,7 @@ from mesh_motion_protocol.limits import CONTAINER_ITEMS, HEADER_BYTES, HEADER_DE
 
 
 def filled(size: int) -> dict[str, str]:
-    """A map that takes so many bytes."""
+    """A map with this number of bytes."""
     empty = len(msgpack.packb({"a": "x" * HEADER_BYTES})) - HEADER_BYTES
     return {"a": "x" * (size - empty)}
 
@@ -86,7 +86,7 @@ def test_arrays_and_maps_of_every_form_of_length() -> None:
 
 
 def test_no_key_is_interned_however_deep_it_is() -> None:
-    """Python 3.12.0 to 3.12.6 never gives an interned string back, so that ever new keys would fill the memory."""
+    """Python 3.12.0 to 3.12.6 never frees an interned string, so ever new keys would fill the memory."""
 
     def is_interned(text: str) -> bool:
         return sys.intern("".join(text)) is text  # the one that is there already, or this copy
