@@ -1,4 +1,4 @@
-"""The command line as people and programs meet it: output, one-line errors, exit statuses."""
+"""The command line for people and programs: output, one-line errors, exit statuses."""
 
 import json
 import os
@@ -185,7 +185,7 @@ def test_check_says_what_will_be_refused(run: Run, tmp_path: Path) -> None:
 
 
 def test_play_over_the_wire_and_its_exit_statuses(run: Run, tmp_path: Path) -> None:
-    """A private server for each: played, refused, and no server at an endpoint."""
+    """Each case starts a private server: played, refused, and no server at an endpoint."""
     shutil.copytree(ROTATION.parent, tmp_path / "turned", ignore=shutil.ignore_patterns("out"))
     status, out, _ = run("play", tmp_path / "turned" / "case.toml")
     assert status == 0

@@ -1,4 +1,4 @@
-"""``mesh-motion convert`` as people meet it."""
+"""``mesh-motion convert`` as a user calls it."""
 
 import subprocess
 import sys

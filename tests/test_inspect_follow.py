@@ -40,7 +40,7 @@ def state(tmp_path: Path) -> Path:
 
 
 def run(*arguments: object, **environment: str) -> tuple[int, str, str]:
-    """Run it with pipes: status, output, errors."""
+    """Run the command with pipes; return status, output, errors."""
     done = subprocess.run(
         [sys.executable, "-m", "mesh_motion_server", "inspect", "--follow", *map(str, arguments)],
         capture_output=True,
@@ -130,12 +130,12 @@ class Terminal:
         os.write(self._end, keys.encode())
 
     def vanish(self) -> int:
-        """Close the terminal under it, without a signal; the exit status."""
+        """Close its terminal without a signal; return the exit status."""
         os.close(self._end)
         return self.process.wait(_PATIENCE)
 
     def ended(self) -> int:
-        """Read to the end, and the exit status."""
+        """Read to the end; return the exit status."""
         self.until("no such text")
         os.close(self._end)
         return self.process.wait(_PATIENCE)
@@ -158,7 +158,7 @@ def test_in_a_terminal_it_is_drawn_and_left(state: Path, leave: str | signal.Sig
 
 
 def test_without_its_terminal_it_ends(state: Path) -> None:
-    """It went on for ever, with a quarter of a core, behind a hangup that it had to ignore."""
+    """A former fault: after a hangup that it had to ignore, it ran for ever with a quarter of a core."""
     terminal = Terminal(state)
     terminal.until(" iterations, ")
     assert terminal.vanish() == 129

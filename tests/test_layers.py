@@ -1,4 +1,4 @@
-"""Each layer may import only what stands to its left: the rule of the house, checked on the source."""
+"""Each layer may import only layers to its left: the rule of the house, checked on the source."""
 
 import ast
 import subprocess
@@ -84,7 +84,7 @@ def forbidden(module: str) -> tuple[str, ...]:
 
 
 def session_above(room: str) -> list[str]:
-    """What a room of the session may not import: later rooms and the modules outside the rooms."""
+    """Modules that a room of the session may not import: later rooms and the modules outside the rooms."""
     folder = PACKAGES["mesh_motion_server"] / "session"
     around = [path.stem for path in folder.glob("*.py") if path.stem != "__init__"]
     later = SESSION_ROOMS[SESSION_ROOMS.index(room) + 1 :]
@@ -198,7 +198,7 @@ STARTERS = (
 
 @pytest.mark.parametrize("module", STARTERS)
 def test_a_server_is_up_before_scipy_is_loaded(module: str) -> None:
-    """It takes a third of a second and 40 MB, which only workers need."""
+    """SciPy takes a third of a second and 40 MB, and only workers need it."""
     script = f"import sys, {module}; print('scipy' in sys.modules)"
     run = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert run.stdout == "False\n"

@@ -1,4 +1,4 @@
-"""Where no line is taken: a pipe without a reader, and what is written once somebody does."""
+"""A stream that accepts no line: a pipe without a reader, and writes after it is read again."""
 
 import io
 import os

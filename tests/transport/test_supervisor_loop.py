@@ -1,4 +1,4 @@
-"""The supervisor's loop with children that are scripted: what it survives."""
+"""The supervisor's loop with scripted children: faults that it survives."""
 
 import os
 import signal
@@ -22,13 +22,15 @@ from mesh_motion_server.transport.supervisor import Supervisor
 
 
 def killed(child: Child) -> int:
-    """How often a child was killed."""
+    """Number of kills of a child."""
     assert isinstance(child, EndedChild)
     return child.killed
 
 
 class Scripted:
-    """A supervisor whose children are lines without a process; ``refused``: so many are refused by the system."""
+    """A supervisor whose children are lines without a process; ``refused``: number of starts that the system
+    refuses.
+    """
 
     def __init__(self, folder: Path) -> None:
         settings = ServerSettings.from_mapping({"state_folder": str(folder), "metrics": "127.0.0.1:0"})
@@ -38,7 +40,7 @@ class Scripted:
         self.theirs: list[Any] = []
 
     def spawn(self, *_: Any, **__: Any) -> Child:
-        """In place of the function of processes."""
+        """A replacement of the function in processes."""
         if self.refused:
             self.refused -= 1
             raise BlockingIOError(11, "Resource temporarily unavailable")
@@ -64,7 +66,7 @@ def scripted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Script
 
 
 def test_a_template_ends_after_the_sessions(scripted: Scripted) -> None:
-    """Those that wait for it to be forked can still be drained."""
+    """Sessions that wait for its fork can still be drained."""
     supervisor = scripted.supervisor
     supervisor._template = supervisor._next_template()
     lifeline, holder = os.pipe()

@@ -1,4 +1,4 @@
-"""What is read of a journal's files: all of it or little of it, never written to, and given back."""
+"""Reads of a journal's files: whole files or small parts, never writes, and all files are closed."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -25,7 +25,7 @@ CAPACITY = 64 * PAGE
 
 
 class Shown(ModelFiles):
-    """Forbids to open a file for writing, once this is switched on."""
+    """Forbids opening a file for writing, once this is switched on."""
 
     closed_to_writers = False
 
@@ -35,7 +35,7 @@ class Shown(ModelFiles):
 
 
 def lived(steps: int, *, capacity: int = CAPACITY, receipt: bytes = b"receipt") -> Shown:
-    """The files of a journal of so many steps."""
+    """The files of a journal with this number of steps."""
     files = Shown()
     journal = Journal.create(FOLDER, files, replace(FOUNDATION, record_area=8 * PAGE), capacity=capacity)
     for step in range(1, steps + 1):

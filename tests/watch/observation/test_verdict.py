@@ -1,4 +1,4 @@
-"""The one line on how a session stands: a function of its history and the time, exact."""
+"""The one line about a session's state: a function of its history and the time, exact."""
 
 import time
 from collections.abc import Iterable

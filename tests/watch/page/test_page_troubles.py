@@ -1,4 +1,4 @@
-"""What goes wrong around the page in a browser: answers that fail or come late, many tabs, a page in the background."""
+"""Faults around the page in a browser: answers that fail or come late, many tabs, a page in the background."""
 
 import re
 import time

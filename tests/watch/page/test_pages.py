@@ -1,4 +1,4 @@
-"""What the page's server answers, and whom it refuses."""
+"""Answers and refusals of the page's server."""
 
 import asyncio
 import hashlib
@@ -77,7 +77,7 @@ def test_the_list_shows_what_folders_and_supervisor_know(tmp_path: Path) -> None
 
 
 def test_a_session_that_is_being_discarded_is_none_that_is_not_built_yet(tmp_path: Path) -> None:
-    """Its folder goes before its worker: for a moment it stood in the list without a label, and that stayed."""
+    """Its folder disappears before its worker: for a moment the list had it without a label, and kept that."""
     stored(tmp_path, 1)
     page = Page(tmp_path, BUILD)
     page.update({"missing": "", "sessions": [[SESSION, "alive", "READY", 1, 1], ["f" * 32, "alive", "OPENING", 0, 1]]})
@@ -94,7 +94,7 @@ def append(state: Path, *events: dict[str, Any]) -> None:
 
 
 def read_again(page: Page) -> Any:
-    """The list, not one that was made within the last second."""
+    """The current list, not one from the last second."""
     page._due = 0.0
     return asking_of(page).get("/api/sessions").json()
 

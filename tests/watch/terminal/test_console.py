@@ -1,4 +1,4 @@
-"""No text from outside is markup, a hyperlink or a control sequence, whatever prints it; Rich has one door."""
+"""No text from outside is markup, a hyperlink or a control sequence in any output; only one module uses Rich."""
 
 import ast
 import io
@@ -32,7 +32,7 @@ def harmless(text: str) -> str:
 
 
 def offences(source: str) -> Iterator[str]:
-    """Ways to Rich, or to Click's printing, that take text as it comes."""
+    """Uses of Rich, or of Click's printing, that take text unchanged."""
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.ImportFrom) and (node.module or "").partition(".")[0] == "rich":
             yield from (a.name for a in node.names if a.name not in _HARMLESS.get(node.module or "", ()))

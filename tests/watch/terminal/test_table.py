@@ -1,4 +1,4 @@
-"""Words of a terminal, and one look at the sessions as a table."""
+"""Text of a terminal, and one view of the sessions as a table."""
 
 import json
 import time
