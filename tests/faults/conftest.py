@@ -18,12 +18,12 @@ from tests.faults.server_process import seeded
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    rows = parser.getgroup("rows", "rows that show the server's promises (-m faults)")
-    rows.addoption("--only", action="append", default=[], metavar="NAME", help="a row; may be given several times")
+    rows = parser.getgroup("rows", "rows that check the server's promises (-m faults)")
+    rows.addoption("--only", action="append", default=[], metavar="NAME", help="run this row; repeatable")
     rows.addoption("--list", action="store_true", help="list the rows with their targets and do nothing")
-    rows.addoption("--full", action="store_true", help="the counts of a night instead of some minutes")
-    rows.addoption("--seed", type=int, default=1, metavar="N", help="the same one does the same")
-    rows.addoption("--out", type=Path, default=Path("out/prove"), metavar="DIR", help="receives proof.json")
+    rows.addoption("--full", action="store_true", help="use the counts for a night, not for some minutes")
+    rows.addoption("--seed", type=int, default=1, metavar="N", help="seed of the random choices")
+    rows.addoption("--out", type=Path, default=Path("out/prove"), metavar="DIR", help="folder for proof.json")
 
 
 def pytest_cmdline_main(config: pytest.Config) -> int | None:

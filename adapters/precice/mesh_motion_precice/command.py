@@ -140,7 +140,5 @@ def _parser() -> argparse.ArgumentParser:
     session = Path("mesh-motion.session")
     parser.add_argument("--session", type=Path, default=session, help="the session's name and secret (%(default)s)")
     levels = ("debug", "info", "warning")
-    parser.add_argument(
-        "--log-level", choices=levels, default="info", help="how much is written to stdout (%(default)s)"
-    )
+    parser.add_argument("--log-level", choices=levels, default="info", help="level of the log on stdout (%(default)s)")
     return parser
