@@ -163,7 +163,9 @@ def main() -> None:
     )
     parser.add_argument("--ranks", nargs="+", type=int, default=[1, 2], metavar="N")
     parser.add_argument("--dask", action="store_true", help="measure also on the workers of a Dask cluster")
-    parser.add_argument("--corrected", type=float, default=0.0, metavar="THRESHOLD", help="correct up to this size-skew")
+    parser.add_argument(
+        "--corrected", type=float, default=0.0, metavar="THRESHOLD", help="correct up to this size-skew"
+    )
     arguments = parser.parse_args()
     os.environ["MESH_MOTION_THREADS"] = "1"
     mesh = load(arguments.mesh, arguments.meshes)
