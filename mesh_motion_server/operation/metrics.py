@@ -14,9 +14,12 @@ __all__ = ["METRICS", "PREFIX", "Metric"]
 #: Prefix of each name.
 PREFIX = "mesh_motion_"
 
+#: Buckets in half decades, from moves of small meshes to those of millions of nodes.
 _SECONDS = (0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)
 _SHORT_SECONDS = (0.0001, 0.0003, 0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
+#: 14 is the bound of the alert MeshMotionMeshEndsSoon (docs/operations.md).
 _STEPS = (1.0, 2.0, 3.0, 5.0, 8.0, 14.0, 20.0, 50.0)
+#: Finest up to 0.2, the default quality_threshold.
 _QUALITIES = (0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.8)
 
 

@@ -216,12 +216,14 @@ def router(
     socket.setsockopt(zmq.MAXMSGSIZE, message_bytes)
     socket.setsockopt(zmq.RCVHWM, queued)
     socket.setsockopt(zmq.SNDHWM, queued)
+    # a second connection cannot take over the routing id of another one, and with it the replies
     socket.setsockopt(zmq.ROUTER_HANDOVER, 0)
     socket.setsockopt(zmq.ROUTER_MANDATORY, 1)
     socket.setsockopt(zmq.HANDSHAKE_IVL, max(1, round(1000 * handshake_seconds)))
+    # a peer that disappeared without a word is disconnected, so that it does not keep a session's lease for ever
     socket.setsockopt(zmq.HEARTBEAT_IVL, 10_000)
     socket.setsockopt(zmq.HEARTBEAT_TIMEOUT, 30_000)
-    socket.setsockopt(zmq.LINGER, 5_000)
+    socket.setsockopt(zmq.LINGER, 5_000)  # an ending process still sends its last replies
     return socket
 
 

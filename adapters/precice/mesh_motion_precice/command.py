@@ -23,6 +23,7 @@ __all__ = ["main", "run"]
 
 _LOG = logging.getLogger(__name__)
 #: As a shell says it of a program that Ctrl-C ended.
+#: 128 + SIGINT, as shells report it.
 _INTERRUPTED = 130
 
 

@@ -61,12 +61,13 @@ class Connection:
         self.endpoint = endpoint
         self._process = os.getpid()
         self._socket: zmq.Socket[bytes] = zmq.Context.instance().socket(zmq.DEALER)
-        self._socket.setsockopt(zmq.LINGER, 0)
+        self._socket.setsockopt(zmq.LINGER, 0)  # an unsent request of a closed connection is worthless
         for option in (zmq.SNDTIMEO, zmq.RCVTIMEO):
             self._socket.setsockopt(option, _MOST_MILLISECONDS)
         self._socket.setsockopt(zmq.MAXMSGSIZE, _MOST_BYTES)
         self._socket.setsockopt(zmq.RECONNECT_IVL, 50)
         self._socket.setsockopt(zmq.RECONNECT_IVL_MAX, 1000)
+        # a server whose machine has disappeared sends nothing, not even the end of the connection
         self._socket.setsockopt(zmq.HEARTBEAT_IVL, 5_000)
         self._socket.setsockopt(zmq.HEARTBEAT_TIMEOUT, 20_000)
         self._socket.setsockopt(zmq.IPV6, int("[" in str(endpoint)))

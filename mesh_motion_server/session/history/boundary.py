@@ -56,6 +56,7 @@ _INPUT, _OUTCOME, _MAKER, _TAKEN_UP, _TIME = 1, 2, 3, 4, 5
 _SECONDS = struct.Struct("<d")
 #: Number of bits of a record's place that hold its offset.
 _OFFSET_BITS = 40
+#: Place of a step without a record; valid places are not negative.
 _NOWHERE = -1
 
 

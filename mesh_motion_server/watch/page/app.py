@@ -28,6 +28,7 @@ __all__ = ["STATIC", "Page"]
 
 STATIC = Path(__file__).with_name("static")
 _JSON = "application/json"
+#: Points of a chart if the request names no number; the page itself requests as many (static/history.js).
 _POINTS = 1500
 #: Minimum seconds between two readings of the list, and the maximum share of the time: many folders take long to read.
 _LIST_SECONDS, _LIST_SHARE = 1.0, 0.05

@@ -18,6 +18,7 @@ __all__ = ["Look", "look_at", "rendered", "values_of", "without_server"]
 
 _TONES = {"good": "green", "warn": "bold yellow", "bad": "bold red", "": ""}
 _KINDS = {"warning": "yellow", "refused": "bold magenta", "failed": "bold red"}
+#: Cells and messages shown: with the other lines they fill live.py's _ROWS_OF_DETAILS.
 _WORST = 3
 _MESSAGES = 10
 
