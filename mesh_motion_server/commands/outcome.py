@@ -1,4 +1,4 @@
-"""What a command prints, and its exit status.
+"""Output of a command, and its exit status.
 
 ======  =============================================================================================
 status  meaning

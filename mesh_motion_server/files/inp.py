@@ -2,8 +2,8 @@
 
 Surfaces and sets of nodes become patches; so do sets of elements of lower dimension than the mesh. Where such elements
 are listed with a name (``*ELEMENT, ELSET=Surface1``) and are all in other sets, only those count. Keywords that do not
-describe the mesh are skipped. ``*INCLUDE`` reads files in the folder of the input and below it, each once. Of parts and
-instances one is read: Abaqus counts the nodes of each apart.
+describe the mesh are skipped. ``*INCLUDE`` reads files in the folder of the input and below it, each once. Only one
+part or instance is read: Abaqus counts the nodes of each apart.
 
 http://www.dhondt.de/ccx_2.20.pdf, chapter 7
 """

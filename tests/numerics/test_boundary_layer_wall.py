@@ -1,4 +1,4 @@
-"""How a wall turns at its nodes, and the columns that stand on it."""
+"""The turn of a wall at its nodes, and the columns that stand on it."""
 
 import numpy as np
 from box_meshes import box_mesh

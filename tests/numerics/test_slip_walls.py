@@ -68,7 +68,7 @@ def tank(tilt: float) -> tuple[MotionModel, np.ndarray]:
 def test_slip_walls_are_never_worse_than_fixed_ones(kind, shift, angle, displacement) -> None:
     """The tolerance is five times the loss of a motion before the walls are held (0.02 of the method's metric).
 
-    That metric is not this shape: it has the size too. 0.07 is the most that 320 random motions lost; they gained 0.2.
+    That metric includes the size, this shape does not.
     """
     least = {}
     for role in ("slip", "fixed"):

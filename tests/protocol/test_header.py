@@ -78,7 +78,7 @@ def test_what_is_no_map_of_text_to_values_is_refused(frame: bytes) -> None:
 
 
 def test_arrays_and_maps_of_every_form_of_length() -> None:
-    """Of up to 15 items, and of more with 2 bytes of length or, though it is not the shortest, 4."""
+    """Maps of up to 15 items, and larger ones with 2 bytes of length or, though it is not the shortest, 4."""
     for items in (0, 1, 15, 16, CONTAINER_ITEMS):
         header = {"a": list(range(items)), "b": {str(number): "x" * number for number in range(items)}}
         assert unpack(msgpack.packb(header)) == header

@@ -71,7 +71,7 @@ def _continued(
 
 
 def _of_no_patch(rows: Integers, table: Integers, listed: Mapping[str, Marks]) -> Integers:
-    """Those of the rows (l,) of the table whose facet belongs to no patch."""
+    """Rows (l,) of the table whose facet belongs to no patch."""
     belongs: Marks = np.logical_or.reduce([_inside(marks, table[rows]) for marks in listed.values()])
     found: Integers = rows[~belongs]
     return found

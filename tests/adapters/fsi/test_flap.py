@@ -52,7 +52,7 @@ def undisturbed(flap, tmp_path_factory):
 
 
 def test_a_library_without_its_sources_is_taken_as_it_is(tmp_path):
-    """As in the image for OpenFOAM, which has no compiler."""
+    """Like the image for OpenFOAM, which has no compiler."""
     with pytest.raises(OSError, match="Allwmake"):
         build_library(tmp_path)
     (tmp_path / "build").mkdir()

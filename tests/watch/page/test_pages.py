@@ -30,7 +30,7 @@ BUILD = {"version": "1", "protocol": "1.0", "python": "3"}
 
 
 def test_the_page_makes_no_markup_of_text() -> None:
-    """What clients send becomes text of elements; the page's own sources have no other way."""
+    """Data of clients becomes text of elements; the page's own sources have no other way."""
     ways = ("innerHTML", "outerHTML", "insertAdjacentHTML", "document.write", "createContextualFragment", "eval(")
     for path in [*STATIC.glob("*.js"), *STATIC.glob("*.html")]:
         assert [way for way in ways if way in path.read_text("utf-8")] == [], path
