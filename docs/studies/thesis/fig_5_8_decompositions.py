@@ -168,7 +168,7 @@ def claims(outcome: Outcome) -> None:
         after = next(row for row in mended.rows if row[0] == name)
         assert "−" in str(rows[name][4])
         assert all("−" not in str(cell) for cell in after[1:])
-    assert "by 0.1 whatever" in outcome.text
+    assert "by 0.1 at every angle" in outcome.text
 
 
 STUDY = Study(
