@@ -31,7 +31,7 @@ def conform(
     timeout: Annotated[float, typer.Option(metavar="S", min=0.1, help="Longest wait for a reply.")] = 10.0,
     patience: Annotated[float, typer.Option(metavar="S", help="Longest wait for a server's own time-outs.")] = 5.0,
 ) -> None:
-    """Check of protocol/SPEC.md; status 1 if a requirement is not met.
+    """Check a server or a client against the requirements of protocol/SPEC.md; status 1 if a requirement is not met.
 
     The suite uses nothing but this document. A client is checked through a small driver program in its language;
     protocol/conformance/README.md describes this program.
