@@ -18,8 +18,8 @@ __all__ = ["whole_walls"]
 
 
 def whole_walls(points: Floats, facets: Mapping[str, Integers], patches: Mapping[str, Patch]) -> dict[str, Integers]:
-    """Nodes (p,) of each slip or symmetry patch, together with the nodes of those facets at its rim that belong to no
-    other patch.
+    """Nodes (p,) of each slip or symmetry patch, together with the nodes of facets at its rim that are in no
+    patch and continue only this one.
 
     Parameters
     ----------
