@@ -117,7 +117,7 @@ def _lag(keeper: Keeper, states: list[Any], rows: bytes, commits: int) -> int:
 def main(arguments: list[str]) -> None:
     """Measure and print a table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--folder", help="on the disk that is to be measured")
+    parser.add_argument("--folder", help="folder on the disk to measure")
     parser.add_argument("--commits", type=int, default=50)
     given = parser.parse_args(arguments)
     say = sys.stdout.write

@@ -125,7 +125,7 @@ def main(arguments: list[str]) -> int:
     """Print a line for each mesh."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.history", description=__doc__)
     parser.add_argument("--folder", type=Path, help="where sessions are stored; by default a temporary folder")
-    parser.add_argument("--steps", type=int, default=200, help="of each session")
+    parser.add_argument("--steps", type=int, default=200, help="steps of each session")
     options = parser.parse_args(arguments)
     for side in SIDES:
         with tempfile.TemporaryDirectory(dir=options.folder) as folder:

@@ -121,7 +121,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--side", type=int, default=120, help="nodes along a side of the mesh")
     parser.add_argument("--browsers", type=int, default=3)
-    parser.add_argument("--pairs", type=int, default=9, help="of blocks, watched and not")
+    parser.add_argument("--pairs", type=int, default=9, help="pairs of blocks, one watched and one not")
     asked = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         found = measure(Path(folder), asked.side, asked.browsers, asked.pairs)

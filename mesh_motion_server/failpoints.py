@@ -43,7 +43,7 @@ def activate(environment: Mapping[str, str] = os.environ) -> Path | None:
     try:
         plan = import_module(_PLAN)
     except ModuleNotFoundError:
-        raise InvalidInput(f"{VARIABLE}: only a checkout, with its tests, has failpoints") from None
+        raise InvalidInput(f"{VARIABLE}: failpoints exist only in a checkout with its tests") from None
     folder = Path(named)
     _PASSED[:] = [plan.of_folder(folder)]
     return folder

@@ -207,9 +207,9 @@ def check_evaluation(evaluation: str, settings: MethodSettings, time_levels: str
         return
     if time_levels:
         raise InvalidInput(
-            f"evaluation = 'client': expected time_levels '', got {time_levels!r}: the server has not the nodes",
+            f"evaluation = 'client': expected time_levels '', got {time_levels!r}: the server does not have the nodes",
             code="INVALID_ARGUMENT.VALUE",
-            hint="take differences of the nodes' positions where they are, or open with evaluation = 'server'",
+            hint="compute velocities in the client from the nodes' positions, or open with evaluation = 'server'",
             details={"field": "time_levels", "value": time_levels},
         )
     for key, admitted in (_WITHOUT_VOLUME | _OF_CORRECTION.get(settings.correction, {})).items():

@@ -1,1 +1,1 @@
-"""Tests; `tests.faults` is imported by its name: by other tests, benchmarks, and processes of their own."""
+"""Tests; other tests, benchmarks and separate processes import `tests.faults` by its name."""

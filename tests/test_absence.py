@@ -1,4 +1,4 @@
-"""An error of the disk never looks like a missing file where that decides what is written, removed or ended."""
+"""An error of the disk never looks like a missing file where the result decides what is written, removed or ended."""
 
 import errno
 import os
@@ -28,7 +28,7 @@ def test_only_what_is_not_there_is_missing(tmp_path: Path, monkeypatch: pytest.M
 
 
 def fail(monkeypatch: pytest.MonkeyPatch, folder: Path) -> None:
-    """Have the disk fail for all that is in a folder."""
+    """Let the disk fail for all files of a folder."""
     real = os.lstat
 
     def lstat(path: Path, **rest: object) -> os.stat_result:
@@ -65,7 +65,9 @@ def test_segments_that_cannot_be_listed_are_not_none(tmp_path: Path, monkeypatch
 
 @pytest.mark.parametrize("package", ["session", "security", "operation", "transport", "service"])
 def test_nothing_there_asks_pathlib(package: str) -> None:
-    """``Path.exists()`` and its kin hide errors; ``is_symlink`` and ``is_socket`` say yes only where it is so."""
+    """``Path.exists()`` and similar functions hide errors; ``is_symlink`` and ``is_socket`` return True only if it is
+    so.
+    """
     asks = re.compile(r"\.(exists|is_file|is_dir|lexists)\(")
     for path in (ROOT / package).rglob("*.py"):
         found = [line for line in path.read_text().splitlines() if asks.search(line)]

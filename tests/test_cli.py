@@ -1,4 +1,4 @@
-"""The command line as people and programs meet it: output, one-line errors, exit statuses."""
+"""The command line for people and programs: output, one-line errors, exit statuses."""
 
 import json
 import os
@@ -16,8 +16,9 @@ from raising import raising
 
 from mesh_motion_server import __version__
 from mesh_motion_server.commands import app as commands
-from mesh_motion_server.commands import cli as cli_module
-from mesh_motion_server.commands.cli import ExitStatus, main, status_of
+from mesh_motion_server.commands import outcome
+from mesh_motion_server.commands.cli import main
+from mesh_motion_server.commands.outcome import ExitStatus, status_of
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 ROTATION = EXAMPLES / "thesis_rotation" / "case.toml"
@@ -184,7 +185,7 @@ def test_check_says_what_will_be_refused(run: Run, tmp_path: Path) -> None:
 
 
 def test_play_over_the_wire_and_its_exit_statuses(run: Run, tmp_path: Path) -> None:
-    """A private server for each: played, refused, and no server at an endpoint."""
+    """Each case starts a private server: played, refused, and no server at an endpoint."""
     shutil.copytree(ROTATION.parent, tmp_path / "turned", ignore=shutil.ignore_patterns("out"))
     status, out, _ = run("play", tmp_path / "turned" / "case.toml")
     assert status == 0
@@ -235,7 +236,7 @@ def test_a_defect_is_status_70_and_asks_to_be_reported(run: Run, monkeypatch: py
 
 
 def test_the_table_of_statuses_is_the_enumeration() -> None:
-    documented = {int(number) for number in re.findall(r"^(\d+) ", str(cli_module.__doc__), re.MULTILINE)}
+    documented = {int(number) for number in re.findall(r"^(\d+) ", str(outcome.__doc__), re.MULTILINE)}
     assert documented == {int(status) for status in ExitStatus}
 
 

@@ -1,4 +1,4 @@
-"""What all tests share: long limits for what compiles, and Ctrl-C for processes that tests start."""
+"""Common parts of all tests: long limits for compiling fixtures, and Ctrl-C for processes that tests start."""
 
 import ast
 import re
@@ -41,7 +41,7 @@ def test_ctrl_c_reaches_what_tests_start() -> None:
 
 
 def test_it_does_so_where_the_tests_run_in_the_background() -> None:
-    """A shell lets ``pytest … &`` ignore it."""
+    """A shell makes ``pytest … &`` ignore it."""
     one = f"{__file__}::{test_ctrl_c_reaches_what_tests_start.__name__}"
     command = ["sh", "-c", "trap '' INT; exec \"$@\"", "sh", sys.executable, "-m", "pytest", "-q", one]
     done = subprocess.run(command, cwd=TESTS.parent, capture_output=True, text=True, check=False, timeout=120)
@@ -50,4 +50,4 @@ def test_it_does_so_where_the_tests_run_in_the_background() -> None:
 
 @pytest.fixture
 def zmq_flags() -> None:
-    """Named as the fixture with which all of the C client is compiled."""
+    """Named like the fixture that compiles all of the C client."""

@@ -1,4 +1,4 @@
-"""``mesh-motion convert`` as people meet it."""
+"""``mesh-motion convert`` as a user calls it."""
 
 import subprocess
 import sys
@@ -42,7 +42,7 @@ def test_there_and_back_and_moved(tmp_path: Path, suffix: str) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ((EXAMPLE, "mesh.su2"), "mesh.su2: .npz and .vtu are written (name a file that ends so)"),
+        ((EXAMPLE, "mesh.su2"), "mesh.su2: .npz and .vtu are written (give a file name with such an ending)"),
         (("none.msh", "mesh.npz"), "none.msh: no such mesh file"),
         ((EXAMPLE, "mesh.npz", "--points", "none.npy"), "none.npy: cannot be read"),
         (("none.msh", "missing/mesh.npz"), "missing/mesh.npz: there is no folder"),

@@ -1,4 +1,4 @@
-"""Failpoints: the table is what the code calls, a plan says what happens, and without the variable nothing does."""
+"""Failpoints: the table has the code's calls, a plan causes its faults, and without the variable nothing happens."""
 
 import ast
 import errno

@@ -1,4 +1,4 @@
-"""What is installed can be imported from anywhere: the commands need it outside the checkout."""
+"""Installed modules can be imported from anywhere: the commands need them outside the checkout."""
 
 import os
 import subprocess

@@ -1,8 +1,9 @@
-"""Each layer may import only what stands to its left: the rule of the house, checked on the source."""
+"""Each layer may import only layers to its left: the rule of the house, checked on the source."""
 
 import ast
 import subprocess
 import sys
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -82,7 +83,7 @@ def forbidden(module: str) -> tuple[str, ...]:
 
 
 def session_above(room: str) -> list[str]:
-    """What a room of the session may not import: later rooms and the modules outside the rooms."""
+    """Modules that a room of the session may not import: later rooms and the modules outside the rooms."""
     folder = PACKAGES["mesh_motion_server"] / "session"
     around = [path.stem for path in folder.glob("*.py") if path.stem != "__init__"]
     later = SESSION_ROOMS[SESSION_ROOMS.index(room) + 1 :]
@@ -152,6 +153,37 @@ def test_the_walk_sees_a_seeded_offence(module: str, source: str) -> None:
     assert offences(module, source)
 
 
+def running(node: ast.AST) -> ast.AST:
+    """The tree without the imports that only type checkers read."""
+    for inner in ast.walk(node):
+        if isinstance(inner, ast.If) and ast.unparse(inner.test) == "TYPE_CHECKING":
+            inner.body = []
+    return node
+
+
+def circle(sources: dict[str, str]) -> list[str]:
+    """Modules that import each other in a circle at run time, in order; empty if there are none."""
+    graph = {}
+    for module, source in sources.items():
+        names = imported(module, running(ast.parse(source)))
+        graph[module] = {n if n in sources else n.rpartition(".")[0] for n in names} & sources.keys() - {module}
+    try:
+        TopologicalSorter(graph).prepare()
+    except CycleError as error:
+        return list(error.args[1])
+    return []
+
+
+def test_no_modules_import_each_other_in_a_circle() -> None:
+    assert circle({module: path.read_text() for module, path in MODULES}) == []
+
+
+def test_the_walk_sees_a_seeded_circle() -> None:
+    types_only = "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    from a.x import X"
+    assert circle({"a.x": "from a import y", "a.y": types_only}) == []
+    assert len(circle({"a.x": "from a import y", "a.y": "def f():\n    from a.x import X"})) == 3
+
+
 #: What starts before any worker: the command, the supervisor with its store, the gateway and the attendants.
 STARTERS = (
     "mesh_motion_server.commands.cli",
@@ -165,7 +197,7 @@ STARTERS = (
 
 @pytest.mark.parametrize("module", STARTERS)
 def test_a_server_is_up_before_scipy_is_loaded(module: str) -> None:
-    """It takes a third of a second and 40 MB, which only workers need."""
+    """SciPy takes a third of a second and 40 MB, and only workers need it."""
     script = f"import sys, {module}; print('scipy' in sys.modules)"
     run = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert run.stdout == "False\n"

@@ -1,4 +1,4 @@
-"""A test that fails once is run again, alone: flaky if it passes then, red if not; nothing else becomes green by it."""
+"""A failed test is run again, alone: flaky if it then passes, failed if not; the second run changes no other result."""
 
 import os
 import re

@@ -1,4 +1,4 @@
-"""``mesh-motion plot`` as people meet it."""
+"""``mesh-motion plot`` as a user calls it."""
 
 import re
 from pathlib import Path

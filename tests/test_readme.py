@@ -1,4 +1,4 @@
-"""What the README shows is run."""
+"""The commands of the README are run."""
 
 from pathlib import Path
 

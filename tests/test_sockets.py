@@ -25,7 +25,9 @@ def sources(folders: list[Path], *endings: str) -> list[Path]:
 
 
 def contexts_without_limits(text: str) -> Iterator[str]:
-    """Lines, also of a program in a string, that make a context of libzmq's own; its socket may get the limits next."""
+    """Lines, also of a program in a string, that make an ordinary context of libzmq; its socket may get the limits
+    next.
+    """
     lines = text.splitlines()
     for number, line in enumerate(lines):
         made = re.search(r"zmq\.(asyncio\.)?Context(\.instance)?\(", line)
@@ -36,7 +38,7 @@ def contexts_without_limits(text: str) -> Iterator[str]:
 
 
 def functions_without_limits(text: str) -> Iterator[str]:
-    """Functions that make a socket of libzmq and do not set all limits; raw connections without a time."""
+    """Functions that make a socket of libzmq and do not set all limits; raw connections without a time limit."""
     for node in ast.walk(ast.parse(text)) if ".socket(zmq." in text else ():
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
             source = ast.unparse(node)

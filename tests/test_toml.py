@@ -1,4 +1,4 @@
-"""Text that claims to be TOML: keys of very many parts are refused at once, all that people write is read."""
+"""Text that should be TOML: keys of very many parts are refused at once, all normal text is read."""
 
 import time
 import tomllib

@@ -15,7 +15,7 @@ from typing import Any
 from typer.main import get_command
 
 from mesh_motion_server.commands.app import app
-from mesh_motion_server.commands.cli import __doc__ as statuses
+from mesh_motion_server.commands.outcome import __doc__ as statuses
 
 __all__ = ["FOLDER", "examples", "pages"]
 

@@ -95,7 +95,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("file", nargs="?", type=Path, default=PICTURE)
     parser.add_argument("--case", default="turek_hron_flag", help="a folder of examples/")
-    parser.add_argument("--step", type=int, default=40, help="the picture is taken when it is committed")
+    parser.add_argument("--step", type=int, default=40, help="take the picture when this step is committed")
     parser.add_argument("--width", type=int, default=1440)
     parser.add_argument("--height", type=int, default=1010)
     parser.add_argument("--scheme", choices=("light", "dark"), default="light")

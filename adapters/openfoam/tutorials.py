@@ -471,7 +471,7 @@ def row(tutorial: Tutorial, start: Path) -> tuple[list[str], bool]:
 def main() -> int:
     """Run all cases; status 1 if one did not reach its end with the server."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--only", help="part of a case's name")
+    parser.add_argument("--only", help="run only cases whose name contains this")
     parser.add_argument("--out", type=Path, default=Path("out/openfoam-tutorials"))
     options = parser.parse_args()
     if not TUTORIALS.is_dir():

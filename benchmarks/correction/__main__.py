@@ -19,7 +19,7 @@ def _arguments(words: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--out", type=Path, default=Path("out/peers"), help="folder of the meshes and the results")
     parser.add_argument("--cases", nargs="+", choices=list(CASES), default=list(CASES), metavar="CASE")
     parser.add_argument("--threads", type=int, default=min(2, os.cpu_count() or 1), help="threads of the kernels")
-    parser.add_argument("--repeat", type=int, default=1, help="runs of each; the shortest counts")
+    parser.add_argument("--repeat", type=int, default=1, help="runs of each case; the shortest counts")
     parser.add_argument("--readme", action="store_true", help="put the table into benchmarks/README.md")
     arguments = parser.parse_args(words)
     if arguments.threads < 1 or arguments.repeat < 1:

@@ -158,10 +158,14 @@ def main() -> None:
     """Run the cases that the command line selects."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.distributed.own_ranks", description=__doc__)
     parser.add_argument("mesh", nargs="?", default="M4")
-    parser.add_argument("--meshes", type=Path, default=Path("out/peers"), help="folder of the meshes, built if need be")
+    parser.add_argument(
+        "--meshes", type=Path, default=Path("out/peers"), help="folder of the meshes; missing ones are built"
+    )
     parser.add_argument("--ranks", nargs="+", type=int, default=[1, 2], metavar="N")
-    parser.add_argument("--dask", action="store_true", help="also on the workers of a Dask cluster")
-    parser.add_argument("--corrected", type=float, default=0.0, metavar="THRESHOLD", help="smallest size-skew")
+    parser.add_argument("--dask", action="store_true", help="measure also on the workers of a Dask cluster")
+    parser.add_argument(
+        "--corrected", type=float, default=0.0, metavar="THRESHOLD", help="correct up to this size-skew"
+    )
     arguments = parser.parse_args()
     os.environ["MESH_MOTION_THREADS"] = "1"
     mesh = load(arguments.mesh, arguments.meshes)

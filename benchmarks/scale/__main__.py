@@ -23,11 +23,13 @@ _PICTURE = Path(__file__).parents[2] / "docs" / "images" / "scale.png"
 def _arguments(words: Sequence[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.scale", description="Cost and memory against size.")
     parser.add_argument("--out", type=Path, default=Path("out/scale"), help="folder of the results")
-    parser.add_argument("--meshes", type=Path, default=Path("out/peers"), help="folder of the meshes, built if need be")
+    parser.add_argument(
+        "--meshes", type=Path, default=Path("out/peers"), help="folder of the meshes; missing ones are built"
+    )
     parser.add_argument("--sizes", nargs="+", choices=_MESHES, default=_MESHES, metavar="MESH")
     parser.add_argument("--wire", nargs="*", choices=_MESHES, default=_MESHES, metavar="MESH")
     parser.add_argument("--threads", type=int, default=1, help="threads of the kernels")
-    parser.add_argument("--repeat", type=int, default=3, help="steps of each; the shortest counts")
+    parser.add_argument("--repeat", type=int, default=3, help="steps of each case; the shortest counts")
     parser.add_argument("--readme", action="store_true", help="put tables and plot into benchmarks/README.md")
     arguments = parser.parse_args(words)
     if arguments.threads < 1 or arguments.repeat < 1:

@@ -137,7 +137,7 @@ def _steps(evidence: Evidence, factor: float) -> Iterator[Row]:
     if figures:
         step = of_threads(figures.step, evidence.results.threads)
         passes = step / evidence.results.limits.pass_seconds(figures, 3)
-    yield _most("M4: step in passes over coordinates and connectivity", 14.0, passes)
+    yield _most("M4: step / one pass over coordinates and connectivity", 14.0, passes)
 
 
 def _judging(evidence: Evidence, factor: float) -> Iterator[Row]:
@@ -146,7 +146,7 @@ def _judging(evidence: Evidence, factor: float) -> Iterator[Row]:
     brief = of_threads(figures.judge_brief, threads) if figures else None
     share = of_threads(figures.predict, threads) / brief if figures and brief else None
     yield _seconds("M4: brief judging", 0.012, factor, brief)
-    yield _most("M4: full judging, of the brief one", 1.4, share)
+    yield _most("M4: full judging / brief judging", 1.4, share)
 
 
 def _boundary(evidence: Evidence) -> Iterator[Row]:
@@ -164,7 +164,7 @@ def _walls(evidence: Evidence) -> Iterator[Row]:
         truth, figures = evidence.truths.get(f"{mesh}-large"), _library(evidence, mesh, "large")
         share = 100 * figures.near_wall / truth.near_wall if figures and truth else None
         note = f" ({figures.near_wall:.3f} of {truth.near_wall:.3f})" if figures and truth else ""
-        yield _least(f"{mesh}: quality next to the body, of all centres'", 95.0, share, " %", note)
+        yield _least(f"{mesh}: quality next to the body / quality with all centres", 95.0, share, " %", note)
 
 
 def _ahead(evidence: Evidence) -> Iterator[Row]:
@@ -189,7 +189,7 @@ def _setups(evidence: Evidence, factor: float) -> Iterator[Row]:
     for mesh, other, seconds in _SETUP:
         figures = _library(evidence, mesh)
         measured = of_threads(figures.setup, evidence.results.threads) if figures else None
-        yield _seconds(f"{mesh}: set-up, a tenth of {other}'s", 0.1 * seconds, factor, measured)
+        yield _seconds(f"{mesh}: set-up (aim: a tenth of {other}'s)", 0.1 * seconds, factor, measured)
 
 
 def _growth(evidence: Evidence) -> Iterator[Row]:
@@ -208,10 +208,10 @@ def _iterations(evidence: Evidence) -> Iterator[Row]:
         figures, threads = _library(evidence, mesh), evidence.results.threads
         step = of_threads(figures.step, threads) if figures else 1.0
         first = of_threads(figures.first, threads) / step if figures else None
-        yield _most(f"{mesh}: the session's first move, of the next", 1.5, first)
+        yield _most(f"{mesh}: first move of a session / next move", 1.5, first)
         for name, seconds in (("", figures.brief), (" in full", figures.iteration)) if figures else _NO_ITERATIONS:
             share = of_threads(seconds, threads) / step if seconds else None
-            yield _most(f"{mesh}: a later iteration{name}, of the first", 0.6, share)
+            yield _most(f"{mesh}: later iteration{name} / first iteration", 0.6, share)
 
 
 def _corrections(evidence: Evidence, factor: float) -> Iterator[Row]:
@@ -233,8 +233,8 @@ def _derivatives(evidence: Evidence) -> Iterator[Row]:
         cost = evidence.derivatives.get(mesh)
         kinds = (
             ("with a correction", "", 1.0),
-            ("that needs none", "idle_", 0.5),
-            ("without", "plain_", 0.5),
+            ("that needs no correction", "idle_", 0.5),
+            ("without correction", "plain_", 0.5),
         )
         for name, prefix, asked in kinds:
             step, prepared, one = (
@@ -243,7 +243,7 @@ def _derivatives(evidence: Evidence) -> Iterator[Row]:
             )
             note = f" ({one / step:.2g} for each further vector)"
             share = (prepared + one) / step if cost else None
-            yield _most(f"{mesh}: Jᵀ w, of a step {name}", asked, share, "", note)
+            yield _most(f"{mesh}: Jᵀ w / step {name}", asked, share, "", note)
 
 
 def _start(evidence: Evidence, factor: float) -> Iterator[Row]:
@@ -265,9 +265,9 @@ def _wire(evidence: Evidence) -> Iterator[Row]:
     )
     for mesh in ("M4", "M5"):
         wire = evidence.results.wire.get(f"{mesh}-steady")
-        yield _most(f"{mesh}: wire's share of a step", 10.0, 100 * wire.step_share if wire else None, " %")
+        yield _most(f"{mesh}: share of the wire in a step", 10.0, 100 * wire.step_share if wire else None, " %")
         times = wire.worker_bytes / wire.flight_bytes if wire else None
-        yield _most(f"{mesh}: worker's memory over the arrays in flight", 3.0, times)
+        yield _most(f"{mesh}: worker's memory / arrays in flight", 3.0, times)
 
 
 def _memory(evidence: Evidence) -> Iterator[Row]:
@@ -276,4 +276,4 @@ def _memory(evidence: Evidence) -> Iterator[Row]:
         figures = _library(evidence, mesh)
         peak = figures.peak_bytes / figures.nodes if figures else None
         kept = f" at most, {figures.kept_bytes / figures.nodes:.0f} kept" if figures else ""
-        yield _most(f"{mesh}: bytes a node beyond the mesh", 200.0, peak, "", kept)
+        yield _most(f"{mesh}: bytes per node in addition to the mesh", 200.0, peak, "", kept)

@@ -34,19 +34,19 @@ _PATIENCE, _GRACE = 5.0, 60.0
 
 def _arguments(words: Sequence[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description="All benchmarks in one run.")
-    parser.add_argument("--plan", choices=list(PLANS), default="full", help="what is measured")
-    parser.add_argument("--minutes", type=float, default=20.0, help="jobs that would not end in this time are left out")
+    parser.add_argument("--plan", choices=list(PLANS), default="full", help="set of measurements")
+    parser.add_argument("--minutes", type=float, default=20.0, help="skip jobs that would take longer than this")
     parser.add_argument("--out", type=Path, default=Path("out/bench"), help="folder of the results")
     parser.add_argument(
-        "--meshes", type=Path, default=Path("out/meshes"), help="folder of the meshes, built if need be"
+        "--meshes", type=Path, default=Path("out/meshes"), help="folder of the meshes; missing ones are built"
     )
     parser.add_argument("--threads", type=int, default=os.cpu_count() or 1, help="threads that a system may use")
-    parser.add_argument("--repeat", type=int, default=3, help="steps of each; the shortest counts")
+    parser.add_argument("--repeat", type=int, default=3, help="steps of each job; the shortest counts")
     parser.add_argument("--only", nargs="+", choices=list(_JOBS), metavar="KIND")
     parser.add_argument("--without", nargs="+", default=[], metavar="MESH", help="leave these meshes out")
     parser.add_argument("--readme", action="store_true", help="put tables and plot into the README files")
     parser.add_argument(
-        "--list", action="store_true", help="list the plan's jobs and what each takes on two quiet cores"
+        "--list", action="store_true", help="list the plan's jobs and the time of each on two idle cores"
     )
     arguments = parser.parse_args(words)
     if arguments.threads < 1 or arguments.repeat < 1 or not arguments.minutes > 0:

@@ -38,31 +38,31 @@ _FRONT_SYSTEMS = {
 
 
 def aims_table(evidence: Evidence) -> str:
-    """What was asked for."""
+    """The aims and their measured values."""
     found = rows(evidence)
     lines = "".join(f"| {row.what} | {row.asked} | {row.measured} | {_verdict(row)} |\n" for row in found)
     met, measured = sum(row.met is True for row in found), sum(row.met is not None for row in found)
     written = sum(row.as_written and row.met is False for row in found)
-    counts = f"{met} of {measured} aims that were measured are met, {written} more as they were written."
+    counts = f"{met} of {measured} measured aims are met, {written} more with unscaled seconds."
     if measured < len(found):
         counts += f" {len(found) - measured} were not measured."
     factor = anchor(evidence)
-    scale = f"All seconds that were asked for are multiplied by {factor.factor:.2f}: {factor.text}."
+    scale = f"All aims in seconds are multiplied by {factor.factor:.2f}: {factor.text}."
     left = f" Left out: {', '.join(evidence.left_out)}." if evidence.left_out else ""
-    head = "| | asked | measured | met |\n|---|---:|---:|---|\n"
+    head = "| | aim | measured | met |\n|---|---:|---:|---|\n"
     return f"{head}{lines}\n{counts} {scale} {evidence.results.machine}{left}\n"
 
 
 def _verdict(row: Row) -> str:
     if row.met is None:
         return ""
-    return "yes" if row.met else "as written" if row.as_written else "**no**"
+    return "yes" if row.met else "unscaled" if row.as_written else "**no**"
 
 
 def page(evidence: Evidence) -> str:
     """Everything."""
     results = evidence.results
-    parts = ["# Benchmarks of one run", "## What was asked for", aims_table(evidence)]
+    parts = ["# Benchmarks of one run", "## Aims", aims_table(evidence)]
     if evidence.outcomes:
         parts += ["## System by system", peers_tables(_ordered(evidence.outcomes))]
     if results.library:

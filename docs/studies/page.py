@@ -26,7 +26,7 @@ def render(name: str, study: Study, outcome: Outcome, pictures: Path) -> str:
     """The Markdown of a study; its pictures are drawn into the folder ``pictures``."""
     parts = [f"*{study.source}.* {study.title}"]
     if study.functions:
-        names = (f"`{f.removeprefix('mesh_motion_server.')}`" for f in study.functions)
+        names = (f"`{function}`" for function in study.functions)
         parts.append(f"Done by {', '.join(names)}.")
     if outcome.text:
         parts.append(outcome.text)

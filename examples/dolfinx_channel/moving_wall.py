@@ -67,7 +67,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--server", help="endpoint; default: a private server")
     parser.add_argument("--steps", type=int, default=8)
-    parser.add_argument("--height", type=float, default=0.5, help="of the bump at its highest")
+    parser.add_argument("--height", type=float, default=0.5, help="largest height of the bump")
     options = parser.parse_args()
     domain = mesh.create_rectangle(MPI.COMM_SELF, [(0.0, 0.0), (LENGTH, HEIGHT)], (40, 10))
     whole = server_mesh(domain)

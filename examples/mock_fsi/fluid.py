@@ -130,7 +130,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--relaxation", type=float, default=0.3, help="first relaxation factor of a step")
     parser.add_argument("--tolerance", type=float, default=1e-9, help="m, largest residual of a converged step")
     parser.add_argument("--max-iterations", type=int, default=50)
-    parser.add_argument("--keep-solid", action="store_true", help="do not stop the solid: who started it ends it")
+    parser.add_argument("--keep-solid", action="store_true", help="do not stop the solid at the end")
     parser.add_argument("--timeout", type=float, default=120.0, help="seconds for any answer")
     return parser.parse_args()
 

@@ -113,7 +113,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--bind", default="tcp://127.0.0.1:5560")
     parser.add_argument("--dt", type=float, default=0.02)
-    parser.add_argument("--patience", type=float, default=120.0, help="seconds without a request until it gives up")
+    parser.add_argument("--patience", type=float, default=120.0, help="end after this many seconds without a request")
     options = parser.parse_args()
     structure: Structure | None = None
     with zmq.Context() as context, context.socket(zmq.REP) as socket:

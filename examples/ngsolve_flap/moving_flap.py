@@ -97,7 +97,7 @@ def main() -> int:
     parser.add_argument("--server", help="endpoint; default: a private server")
     parser.add_argument("--steps", type=int, default=5)
     parser.add_argument("--size", type=float, default=0.1, help="length of the triangles' edges")
-    parser.add_argument("--deflection", type=float, default=0.3, help="of the flap's tip, at the end")
+    parser.add_argument("--deflection", type=float, default=0.3, help="final deflection of the flap's tip")
     options = parser.parse_args()
     mesh = channel(options.size)
     deformation = GridFunction(VectorH1(mesh, order=1))

@@ -55,12 +55,16 @@ def run(options: argparse.Namespace) -> list[Row]:
 def arguments(given: list[str] | None = None) -> argparse.Namespace:
     """The command line."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--out", type=Path, default=Path("out/flap"), help="the run's folder; a run is gone on with")
+    parser.add_argument(
+        "--out", type=Path, default=Path("out/flap"), help="the run's folder; an existing run is continued"
+    )
     parser.add_argument("--windows", type=int, default=500)
     parser.add_argument("--dt", type=float, default=0.01, help="s")
     parser.add_argument("--young", type=float, default=4e6, help="Pa")
-    parser.add_argument("--motion", choices=("server", "laplacian"), default="server", help="who moves the mesh")
-    parser.add_argument("--relaxation", type=float, default=1.0, help="of the momentum equation, in all correctors")
+    parser.add_argument(
+        "--motion", choices=("server", "laplacian"), default="server", help="program that moves the mesh"
+    )
+    parser.add_argument("--relaxation", type=float, default=1.0, help="relaxation factor of the momentum equation")
     parser.add_argument("--server", help="endpoint of a mesh-motion server; default: a private one")
     parser.add_argument("--acceleration", choices=sorted(ACCELERATIONS), default="iqn-ils")
     parser.add_argument("--tolerance", type=float, default=1e-3, help="residual relative to the displacements")

@@ -151,7 +151,7 @@ def main() -> int:
     """All runs, the table, the picture."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path("out/flap"))
-    parser.add_argument("--only", help="cases whose name and motion begin so, for example flap-server")
+    parser.add_argument("--only", help="run only cases whose name and motion begin with this, for example flap-server")
     options = parser.parse_args()
     out: Path = options.out
     cases = [case for case in CASES if f"{case.name}-{case.motion}".startswith(options.only or "")]

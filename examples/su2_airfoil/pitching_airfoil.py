@@ -63,8 +63,10 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--server", help="endpoint; default: a private server")
     parser.add_argument("--mesh", type=Path, help="default: an O-mesh about a NACA 0012")
-    parser.add_argument("--marker", default="airfoil", help="the one that moves; all others are fixed")
-    parser.add_argument("--config", type=Path, help="SU2's, with MESH_FILENAME= mesh.su2; runs SU2_CFD")
+    parser.add_argument("--marker", default="airfoil", help="the marker that moves; all others are fixed")
+    parser.add_argument(
+        "--config", type=Path, help="configuration of SU2 with MESH_FILENAME= mesh.su2; SU2_CFD is run with it"
+    )
     parser.add_argument("--angles", type=float, nargs="+", default=[5.0, 10.0, 15.0], metavar="DEGREES")
     parser.add_argument("--out", type=Path, default=Path("out/su2_airfoil"))
     options = parser.parse_args()

@@ -120,12 +120,14 @@ def report(done: int, steps: int) -> None:
 def arguments(given: list[str] | None = None) -> argparse.Namespace:
     """The command line."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--out", type=Path, required=True, help="the run's folder; a run is gone on with")
-    parser.add_argument("--elements", type=int, default=32, help="of the flag along it; half of the fluid's edges")
+    parser.add_argument("--out", type=Path, required=True, help="the run's folder; an existing run is continued")
+    parser.add_argument(
+        "--elements", type=int, default=32, help="elements along the flag; the fluid has two edges for each"
+    )
     parser.add_argument("--coarsest", type=float, default=0.035, help="edge length far from the flag, m")
     parser.add_argument("--dt", type=float, default=0.01, help="s")
     parser.add_argument("--end", type=float, default=11.0, help="s")
-    parser.add_argument("--motion", choices=sorted(MOTIONS), default="server", help="who moves the mesh")
+    parser.add_argument("--motion", choices=sorted(MOTIONS), default="server", help="program that moves the mesh")
     return parser.parse_args(given)
 
 

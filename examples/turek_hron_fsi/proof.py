@@ -222,9 +222,11 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("case", choices=sorted(PUBLISHED))
     parser.add_argument("--out", type=Path, default=Path("out/turek"))
-    parser.add_argument("--solver", choices=sorted(RUNS), default="openfoam", help="kratos has FSI2")
-    parser.add_argument("--only", choices=sorted(LABELS), help="one of the runs")
-    parser.add_argument("--read", action="store_true", help="judge the kept histories, run nothing")
+    parser.add_argument(
+        "--solver", choices=sorted(RUNS), default="openfoam", help="solver of the runs; kratos runs FSI2 only"
+    )
+    parser.add_argument("--only", choices=sorted(LABELS), help="run only this one")
+    parser.add_argument("--read", action="store_true", help="judge the stored histories without a run")
     options = parser.parse_args()
     if options.solver == "kratos" and options.case != "fsi2":
         parser.error("Kratos has FSI2 only")

@@ -88,11 +88,15 @@ def arguments(given: list[str] | None = None) -> argparse.Namespace:
     """The command line."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("case", choices=sorted(CASES))
-    parser.add_argument("--out", type=Path, required=True, help="the run's folder; a run is gone on with")
-    parser.add_argument("--refinement", type=float, default=1.0, help="cells in each direction; 1: 13 000 in all")
-    parser.add_argument("--dt", type=float, help="s; default: the case's")
-    parser.add_argument("--end", type=float, help="s; default: the case's")
-    parser.add_argument("--motion", choices=("server", "laplacian"), default="server", help="who moves the mesh")
+    parser.add_argument("--out", type=Path, required=True, help="the run's folder; an existing run is continued")
+    parser.add_argument(
+        "--refinement", type=float, default=1.0, help="factor of the cells in each direction; 1: 13 000 cells"
+    )
+    parser.add_argument("--dt", type=float, help="time step, s; default: the case's")
+    parser.add_argument("--end", type=float, help="end time, s; default: the case's")
+    parser.add_argument(
+        "--motion", choices=("server", "laplacian"), default="server", help="program that moves the mesh"
+    )
     parser.add_argument("--server", help="endpoint of a mesh-motion server; default: a private one")
     parser.add_argument("--tolerance", type=float, default=3e-5, help="residual relative to the displacements")
     return parser.parse_args(given)

@@ -273,7 +273,7 @@ def _check_vectors(path: Path, number: int, motion: RigidMotion | Oscillation | 
             )
     rigid = motion.rigid if isinstance(motion, Oscillation) else motion
     if rigid.rotation and dimension == 1:
-        raise InvalidInput(f"{path}: motion {number}: nothing rotates in a 1D mesh")
+        raise InvalidInput(f"{path}: motion {number}: a 1D mesh has no rotation")
     if rigid.rotation and dimension == 3 and rigid.axis is None:
         raise InvalidInput(f"{path}: motion {number}: a rotation in 3D needs 'axis', for example [0, 0, 1]")
     if isinstance(motion, Bending) and dimension == 3:
@@ -290,7 +290,7 @@ def _check_bending_axis(path: Path, number: int, motion: Bending) -> None:
     if within > (1 - 1e-9) * math.hypot(*along) * math.hypot(*axis):
         raise InvalidInput(
             f"{path}: motion {number}: a body along {along} cannot bend about {axis}",
-            hint="'axis' is across the line from 'clamp' to 'tip'",
+            hint="'axis' must be perpendicular to the line from 'clamp' to 'tip'",
         )
 
 
@@ -355,6 +355,6 @@ def toml_text(text: str) -> str:
         For the name of a file that is not UTF-8.
     """
     if any("\ud800" <= letter <= "\udfff" for letter in text):
-        raise InvalidInput(f"{text!r} is not UTF-8, which case files are written in", hint="give it another name")
+        raise InvalidInput(f"{text!r} is not UTF-8, the encoding of case files", hint="give it another name")
     quoted = text.replace("\\", "\\\\").replace('"', '\\"')
     return '"' + "".join(letter if letter.isprintable() else f"\\U{ord(letter):08x}" for letter in quoted) + '"'

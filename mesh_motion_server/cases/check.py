@@ -90,7 +90,7 @@ def check(path: Path, zone: str = "", *, seconds: float = 0.0) -> CheckReport:
     case = read_case(path)
     mesh = case.read_mesh()
     program = MotionProgram.of(case, mesh)
-    warnings = [f"patch {name!r} is moving but has no motion: it stays" for name in program.still]
+    warnings = [f"patch {name!r} is moving, but no motion is given for it: it stays in place" for name in program.still]
     report = _report(path, mesh, case, [*warnings, *_odd_motion(mesh, case, program)])
     return _predicted(report, Prediction.of(case, mesh, program), seconds) if seconds > 0.0 else report
 
@@ -119,7 +119,7 @@ def _predicted(report: CheckReport, prediction: Prediction, seconds: float) -> C
         )
     if not refused and len(minima) < count:
         warnings.append(
-            f"steps {len(minima) + 1} to {count} were not tried in {seconds:g} s: --seconds gives them more"
+            f"steps {len(minima) + 1} to {count} were not tried in {seconds:g} s: --seconds allows more time"
         )
     return replace(report, warnings=warnings, steps=len(minima), refused=refused)
 

@@ -148,11 +148,11 @@ class Comparison:
     def unpromised(self) -> str:
         """The reason why a replay without changes may differ in bits; empty if equal bits are promised."""
         if self.elsewhere:
-            return "equal bits are not promised: another server made the replay"
+            return "equal bits are not guaranteed: the replay ran on another server"
         if not self.makers or "" in self.makers:
-            return "equal bits are not promised: what computed the session is not recorded"
+            return "equal bits are not guaranteed: the session does not record the version that computed it"
         if self.makers != [maker()]:
-            return f"equal bits are not promised: the session was computed by {'; '.join(self.makers)}"
+            return f"equal bits are not guaranteed: the session was computed by {'; '.join(self.makers)}"
         return ""
 
     @property
@@ -161,7 +161,7 @@ class Comparison:
         notes, known = [*self.recorded.notes, self.unpromised], self.recorded_steps["step"]
         if len(known) < self.last:
             span = f"steps {known[0]:.0f} to {known[-1]:.0f}" if len(known) else "no step"
-            notes.append(f"events are there of {len(known)} of {self.last} steps ({span}): only those are summed up")
+            notes.append(f"events exist for {len(known)} of {self.last} steps ({span}): only these are counted")
         return [note for note in notes if note]
 
     @cached_property
@@ -188,7 +188,7 @@ class Comparison:
         """The error text if a replay without changes did not give the same bits; empty if there is no error."""
         if self.run.changes or self.unpromised or not self.agreement.compared or self.agreement.exact:
             return ""
-        return f"the replay with nothing changed differs: {self.run.refusal or self.agreement}"
+        return f"the replay without changes differs: {self.run.refusal or self.agreement}"
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values, as for JSON."""

@@ -49,7 +49,7 @@ def _roles(mesh: MeshFile, sides: tuple[str, ...], layer: OneLayer | None) -> di
     if not mesh.patches:
         raise InvalidInput(
             f"{mesh.path}: the mesh has no boundary patches, and a case needs one that moves",
-            hint="name groups of boundary facets where the mesh is made (Gmsh: physical groups; SU2: markers)",
+            hint="define groups of boundary facets in the mesh generator (Gmsh: physical groups; SU2: markers)",
         )
     points = mesh.points if layer is None else layer.project(mesh.points)
     low, high = points.min(axis=0), points.max(axis=0)
@@ -60,7 +60,7 @@ def _roles(mesh: MeshFile, sides: tuple[str, ...], layer: OneLayer | None) -> di
     if all(role != "moving" for role, _ in roles.values()):
         fixed = [name for name, (role, _) in roles.items() if role == "fixed"] or list(roles)
         inner = {name: _inside(points[mesh.patches[name]], low, high).mean() for name in fixed}
-        roles[max(fixed, key=inner.__getitem__)] = ("moving", "none is inside the mesh, and one has to move")
+        roles[max(fixed, key=inner.__getitem__)] = ("moving", "no patch is inside the mesh, and one must move")
     return roles
 
 

@@ -86,7 +86,7 @@ def inspect_step(folder: Path, step: int) -> Found:
         If the folder is not a session folder, or the step is not recorded.
     """
     if not (folder / SPEC).is_file():
-        raise InvalidInput(f"{folder}: not a session's folder", hint="give one of those below STATE FOLDER/sessions")
+        raise InvalidInput(f"{folder}: not a session's folder", hint="give a folder below STATE FOLDER/sessions")
     story = story_of_step(folder, step)
     values = {"session": folder.name, "step": step, "outcome": story.outcome, "events": story.events}
     return Found(values, inert(*story.lines), [])

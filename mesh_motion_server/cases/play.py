@@ -146,7 +146,9 @@ class _Run:
         )
         size_skew = self._results.judge(mesh.points).metric("size-skew")
         self._at_opening = {"min_size_skew": float(size_skew.min()), "mean_size_skew": float(size_skew.mean())}
-        self._results.warn([f"patch {name!r} is moving but has no motion: it stays" for name in program.still])
+        self._results.warn(
+            [f"patch {name!r} is moving, but no motion is given for it: it stays in place" for name in program.still]
+        )
         self._results.warn([*mesh.notes, *session.mesh_report.get("warnings", ())])
         self._begin = time.perf_counter()
         self._results.write_mesh(0)

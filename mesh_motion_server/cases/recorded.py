@@ -78,7 +78,7 @@ def read_recorded(folder: Path) -> Recorded:
     log = BoundaryLog(folder)
     if not log.steps:
         raise InvalidInput(
-            f"{folder}: what the boundary did is not recorded from step 1 on, so nothing can be replayed",
+            f"{folder}: the motion of the boundary is not recorded from step 1 on, so nothing can be replayed",
             hint="the server's setting history_bytes must not be 0 when a session is opened",
         )
     files = PosixFileSystem()
@@ -88,7 +88,7 @@ def read_recorded(folder: Path) -> Recorded:
         raise InvalidInput(f"{folder}: nothing can be replayed: {notes[-1]}")
     columns, digests = _steps(folder)
     if spec.time_levels and not log.timed:
-        notes.append("digests are also those of time levels, and times are not recorded: only coordinates are compared")
+        notes.append("digests include the time levels, but times are not recorded: only coordinates are compared")
     mesh = upload_view(merge(read_mesh(folder / MESH, files, ledger.foundation.mesh)))
     state = _stored(folder, files, ledger)
     return Recorded(
@@ -134,11 +134,11 @@ def _cut(log: BoundaryLog, ledger: Ledger) -> Iterator[str]:
     wrong = next((n for n, entry in enumerate(known) if log.digest(entry.step) != entry.digest), None)
     if wrong is not None:
         log.cut(known[wrong - 1].step if wrong else 0)
-        yield f"the steps from {known[wrong].step} on were made again, while no history was kept"
+        yield f"the steps from {known[wrong].step} on were repeated while no history was recorded"
     verified = log.verified()
     if verified < log.steps:
         log.cut(verified)
-        yield f"what the boundary did in step {verified + 1} does not verify"
+        yield f"the recorded motion of the boundary in step {verified + 1} has a wrong checksum"
 
 
 def _steps(folder: Path) -> tuple[Columns, dict[int, bytes]]:

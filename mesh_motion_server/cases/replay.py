@@ -181,7 +181,7 @@ def _session(
 def _last_step(recorded: Recorded, until: int | None) -> int:
     if until is not None and until > recorded.log.steps:
         raise InvalidInput(
-            f"{recorded.folder}: what the boundary did is recorded up to step {recorded.log.steps}, not {until}"
+            f"{recorded.folder}: the motion of the boundary is recorded up to step {recorded.log.steps}, not {until}"
         )
     return until or recorded.log.steps
 

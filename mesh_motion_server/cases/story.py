@@ -90,7 +90,7 @@ def _lines(event: Event, was_committed: bool) -> list[str]:
         "refused": _refusal_lines,
         "rolled_back": lambda e: [_roll_back_line(e["iteration"])],
         "resumed": lambda e: _resumption_lines(e, was_committed),
-        "suspended": lambda _: ["suspended: no client was connected for the lease"],
+        "suspended": lambda _: ["suspended: no client was connected for the time of the lease"],
         "joined": lambda _: ["a client joined again"],
         "frozen": lambda e: [f"the session is FROZEN: {e['message']}"],
         "closed": lambda _: ["closed, and kept"],
@@ -116,7 +116,7 @@ def _move_lines(event: Event) -> list[str]:
         lines.append(f"correction: {_means(correction)}; {reached}")
         lines += [f"enrichment points at {_places(event['enrichment_points'])}"] if event["enrichment_points"] else []
     if correction["sub_steps"] > 1:
-        lines.append(f"led there in {correction['sub_steps']} sub-steps")
+        lines.append(f"moved in {correction['sub_steps']} sub-steps")
     phases = ", ".join(f"{name} {_seconds(value)}" for name, value in event["seconds"].items() if name != "total")
     made = event["caches"].get("factorization")
     lines.append(f"time: {_seconds(event['seconds_total'])}: {phases}" + (f"; factorization {made}" if made else ""))
@@ -145,7 +145,7 @@ def _refusal_lines(event: Event) -> list[str]:
 
 
 def _resumption_lines(event: Event, was_committed: bool) -> list[str]:
-    lost = ": the crash took this step back" if was_committed else ""
+    lost = ": the crash lost this step" if was_committed else ""
     return [f"resumed at step {event['step']}, epoch {event['epoch']}, by version {event['version']}{lost}"]
 
 

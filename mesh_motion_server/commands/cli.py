@@ -1,80 +1,17 @@
-"""The entry point ``mesh-motion``: what can go wrong becomes one line on standard error and an exit status.
-
-======  =============================================================================================
-status  meaning
-======  =============================================================================================
-0       done; warnings, if any, were printed
-1       not met: a demand of SPEC.md (`conform`), the same states again (`play --from-journal`)
-2       usage, or an invalid case, mesh, table or setting
-3       refused: no acceptable mesh was found for a motion
-4       the session or the server's limits or storage do not allow it, or results cannot be written
-69      no answer: no server at the endpoint, the endpoint is taken, or a package is not installed
-70      a defect of this program
-78      the server's settings are wrong or unsafe
-130     interrupted
-======  =============================================================================================
-"""
+"""The entry point ``mesh-motion``: each failure becomes one line on standard error and an exit status."""
 
 from __future__ import annotations
 
-import json
 import os
 import sys
 import traceback
-from enum import IntEnum
 from io import TextIOWrapper
-from typing import Any, NoReturn
+from typing import NoReturn
 
+from mesh_motion_server.commands.outcome import ExitStatus, complain
 from mesh_motion_server.extras import not_installed
-from mesh_motion_server.watch.terminal.text import plain
 
-__all__ = ["ExitStatus", "complain", "main", "say", "say_json", "status_of"]
-
-
-class ExitStatus(IntEnum):
-    """Exit statuses; statuses from 64 on have the meaning of sysexits.h."""
-
-    DONE = 0
-    UNMET = 1
-    INVALID = 2
-    REFUSED = 3
-    FAILED = 4
-    UNAVAILABLE = 69
-    DEFECT = 70
-    CONFIGURATION = 78
-    INTERRUPTED = 130
-
-
-#: Exit status by error code; the longest matching prefix counts. Any other code is FAILED.
-_BY_CODE = (
-    ("INVALID_ARGUMENT", ExitStatus.INVALID),
-    ("FAILED_PRECONDITION.QUALITY", ExitStatus.REFUSED),
-    ("UNAVAILABLE", ExitStatus.UNAVAILABLE),
-    ("DEADLINE_EXCEEDED", ExitStatus.UNAVAILABLE),
-    ("INTERNAL", ExitStatus.DEFECT),
-    ("UNIMPLEMENTED.", ExitStatus.FAILED),
-    ("UNIMPLEMENTED", ExitStatus.UNAVAILABLE),
-)
-
-
-def status_of(code: str) -> ExitStatus:
-    """Exit status for an error code of the protocol."""
-    return next((status for beginning, status in _BY_CODE if code.startswith(beginning)), ExitStatus.FAILED)
-
-
-def complain(message: str) -> None:
-    """Print one line on standard error."""
-    sys.stderr.write(f"mesh-motion: {plain(' '.join(message.split()))}\n")
-
-
-def say(text: object) -> None:
-    """Print lines on standard output; characters that could control a terminal are shown as ``�``."""
-    sys.stdout.write("".join(f"{plain(line)}\n" for line in str(text).split("\n")))
-
-
-def say_json(values: dict[str, Any]) -> None:
-    """Print values for a program on standard output; with escapes on a terminal, as a label may have any character."""
-    sys.stdout.write(json.dumps(values, indent=2, ensure_ascii=sys.stdout.isatty()) + "\n")
+__all__ = ["main"]
 
 
 def main() -> NoReturn:

@@ -11,7 +11,7 @@ from typing import Annotated
 import typer
 from mesh_motion_protocol.errors import MeshMotionError
 
-from mesh_motion_server.commands.cli import complain, say, status_of
+from mesh_motion_server.commands.outcome import complain, say, status_of
 
 __all__ = ["convert"]
 
@@ -21,19 +21,24 @@ def convert(
     target: Annotated[
         Path,
         typer.Argument(
-            metavar="OUT", help="Ends with .npz, .vtu, or as IN; a folder with --partitions.", show_default=False
+            metavar="OUT",
+            help="File that ends in .npz, in .vtu or as IN does; with --partitions a folder.",
+            show_default=False,
         ),
     ],
     points: Annotated[
-        Path | None, typer.Option(metavar="FILE.npy", help="Coordinates in the order of IN's nodes: play's points.npy.")
+        Path | None,
+        typer.Option(
+            metavar="FILE.npy", help="New coordinates in the order of IN's nodes, for example points.npy of play."
+        ),
     ] = None,
-    zone: Annotated[str, typer.Option(metavar="NAME", help="The zone of IN, where it has several.")] = "",
+    zone: Annotated[str, typer.Option(metavar="NAME", help="Zone to read from a file with several zones.")] = "",
     partitions: Annotated[
         int | None,
         typer.Option(metavar="N", min=1, help="Cut the mesh into N partitions: OUT/partition-000.npz and so on."),
     ] = None,
 ) -> None:
-    """Write a mesh as .npz, as .vtu for ParaView, or as the file it was read from, with other coordinates.
+    """Write a mesh as .npz, as .vtu for ParaView, or in the format of its own file with other coordinates.
 
     \b
     mesh-motion convert mesh.msh wing.npz

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 import typer
 from mesh_motion_protocol.errors import MeshMotionError
 
-from mesh_motion_server.commands.cli import ExitStatus, complain, status_of
+from mesh_motion_server.commands.outcome import ExitStatus, complain, status_of
 
 __all__ = ["expected_errors"]
 

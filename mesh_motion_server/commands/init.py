@@ -9,8 +9,8 @@ from typing import Annotated
 
 import typer
 
-from mesh_motion_server.commands.cli import complain, say
 from mesh_motion_server.commands.expected_errors import expected_errors
+from mesh_motion_server.commands.outcome import complain, say
 
 __all__ = ["init"]
 
@@ -18,9 +18,12 @@ __all__ = ["init"]
 def init(
     mesh: Annotated[Path, typer.Argument(metavar="MESH", help="A mesh file or an OpenFOAM case.", show_default=False)],
     out: Annotated[
-        Path | None, typer.Option("--out", "-o", metavar="CASE.toml", help="By default case.toml in the mesh's folder.")
+        Path | None,
+        typer.Option(
+            "--out", "-o", metavar="CASE.toml", help="File to write; by default case.toml in the mesh's folder."
+        ),
     ] = None,
-    zone: Annotated[str, typer.Option(metavar="NAME", help="Of a mesh file with several zones.")] = "",
+    zone: Annotated[str, typer.Option(metavar="NAME", help="Zone to read from a mesh file with several zones.")] = "",
 ) -> None:
     """Write a commented case file: the mesh's patches, a guess of their roles, and a small motion to try.
 

@@ -9,14 +9,14 @@ from typing import Annotated
 
 import typer
 
-from mesh_motion_server.commands.cli import say
 from mesh_motion_server.commands.completions import roles
 from mesh_motion_server.commands.expected_errors import expected_errors
+from mesh_motion_server.commands.outcome import say
 
 __all__ = ["keys"]
 
 keys = typer.Typer(
-    help="Make keys, and say who may use a server: docs/security.md.",
+    help="Make keys, and choose which clients may use a server: docs/security.md.",
     no_args_is_help=True,
     rich_markup_mode=None,
 )
@@ -26,7 +26,7 @@ Folder = Annotated[Path, typer.Argument(metavar="DIR", help="The server's key fo
 
 @keys.command(short_help="Make a server's keys.")
 def server(folder: Folder) -> None:
-    """Make DIR/server.secret, DIR/server.public, and DIR/allow.toml, which admits no key yet.
+    """Make DIR/server.secret, DIR/server.public, and an empty list of admitted keys, DIR/allow.toml.
 
     \b
     mesh-motion keys server keys
@@ -41,10 +41,10 @@ def server(folder: Folder) -> None:
 
 @keys.command(short_help="Make a client's keys.")
 def client(
-    name: Annotated[str, typer.Argument(metavar="NAME", help="Whose they are.", show_default=False)],
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Where they are made.", show_default=False)],
+    name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the client.", show_default=False)],
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder for the key files.", show_default=False)],
 ) -> None:
-    """Make DIR/NAME.secret, which stays with the client, and DIR/NAME.public, for the server's operator.
+    """Make DIR/NAME.secret, which the client keeps, and DIR/NAME.public, which the server's operator needs.
 
     \b
     mesh-motion keys client alice ~/.config/mesh-motion
@@ -66,16 +66,18 @@ def allow(
         list[str] | None,
         typer.Option(
             metavar="ROLE",
-            help="owner (default), monitor or admin; may be given several times.",
+            help="Role of the client: owner (default), monitor or admin; repeatable.",
             autocompletion=roles,
         ),
     ] = None,
-    name: Annotated[str, typer.Option(metavar="NAME", help="Default: that in the file.")] = "",
+    name: Annotated[
+        str, typer.Option(metavar="NAME", help="Name of the client; by default the name in the file.")
+    ] = "",
 ) -> None:
-    """Put a key on the allow-list; a running server sees it at the next connection.
+    """Add a key to the list of admitted keys; a running server reads the list at the next connection.
 
-    An owner opens sessions and has all rights to them and none to others'. A monitor sees how every session does, but
-    none of its mesh. An admin may close sessions too.
+    An owner opens sessions and has all rights to these, but no right to other owners' sessions. A monitor reads the
+    state of every session, but no mesh. An admin may close sessions too.
 
     \b
     mesh-motion keys allow alice.public keys
@@ -88,11 +90,14 @@ def allow(
     say(f"{entry.name} is admitted as {', '.join(entry.roles)}")
 
 
-@keys.command(short_help="Take a key off the list.")
+@keys.command(short_help="Remove a client's key.")
 def revoke(
-    name: Annotated[str, typer.Argument(metavar="NAME", help="Or the key itself.", show_default=False)], folder: Folder
+    name: Annotated[
+        str, typer.Argument(metavar="NAME", help="Name of the client, or the key itself.", show_default=False)
+    ],
+    folder: Folder,
 ) -> None:
-    """Take a key off the allow-list; its open connections have lost their rights at their next request.
+    """Remove a key from the list of admitted keys; its open connections are refused from their next request on.
 
     \b
     mesh-motion keys revoke alice keys
@@ -104,9 +109,9 @@ def revoke(
     say(f"{entry.name} is not admitted any more; the sessions are kept")
 
 
-@keys.command("list", short_help="Show who is admitted.")
+@keys.command("list", short_help="Show the admitted clients.")
 def show(folder: Folder) -> None:
-    """Show the names, roles and keys of the allow-list.
+    """Show the names, roles and keys of the list of admitted keys.
 
     \b
     mesh-motion keys list keys

@@ -16,15 +16,22 @@ __all__ = ["EndpointOption", "KeyOption", "ServerKeyOption", "keys_of_options"]
 
 EndpointOption = Annotated[
     str | None,
-    typer.Option(metavar="ENDPOINT", help="A running server: tcp://HOST:PORT or ipc:///PATH.", show_default=False),
+    typer.Option(
+        metavar="ENDPOINT", help="Address of a running server: tcp://HOST:PORT or ipc:///PATH.", show_default=False
+    ),
 ]
 KeyOption = Annotated[
     Path | None,
-    typer.Option(metavar="FILE", help="Your .secret file, for a server with keys; or MESH_MOTION_KEY names it."),
+    typer.Option(
+        metavar="FILE",
+        help="Your .secret file, if the server uses keys; by default the one that MESH_MOTION_KEY names.",
+    ),
 ]
 ServerKeyOption = Annotated[
     str | None,
-    typer.Option(metavar="FILE", help="The server's .public file; or MESH_MOTION_SERVER_KEY names it."),
+    typer.Option(
+        metavar="FILE", help="The server's .public file; by default the one that MESH_MOTION_SERVER_KEY names."
+    ),
 ]
 
 

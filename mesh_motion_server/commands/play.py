@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from mesh_motion_server.commands.cli import complain, say
 from mesh_motion_server.commands.expected_errors import expected_errors
 from mesh_motion_server.commands.options import (
     EndpointOption,
@@ -20,6 +19,7 @@ from mesh_motion_server.commands.options import (
     ServerKeyOption,
     keys_of_options,
 )
+from mesh_motion_server.commands.outcome import complain, say
 from mesh_motion_server.commands.replay import changes_of, print_comparison
 
 if TYPE_CHECKING:
@@ -30,7 +30,9 @@ __all__ = ["play"]
 CaseArgument = Annotated[Path | None, typer.Argument(metavar="CASE.toml", help="The case file.", show_default=False)]
 OutOption = Annotated[
     Path | None,
-    typer.Option("--out", "-o", metavar="DIR", help="Receives the results; by default out/NAME in the case's folder."),
+    typer.Option(
+        "--out", "-o", metavar="DIR", help="Folder for the results; by default out/NAME in the case's folder."
+    ),
 ]
 
 
@@ -47,23 +49,25 @@ def play(
     endpoint: EndpointOption = None,
     key: KeyOption = None,
     server_key: ServerKeyOption = None,
-    every: Annotated[int, typer.Option(min=1, metavar="N", help="Write every N-th step to the series.")] = 1,
+    every: Annotated[
+        int, typer.Option(min=1, metavar="N", help="Write every N-th step to the series of VTU files.")
+    ] = 1,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print warnings and errors only.")] = False,
 ) -> None:
-    """Drive a session through a case, as a coupling code would.
+    """Move a mesh as a case file describes, with the same requests as those of a coupled solver.
 
     Without --endpoint a private server is started and stopped again. DIR receives summary.json, points.npy, steps.csv,
     mesh.pvd with its VTU files for ParaView, and quality.png. A run that is refused or
-    interrupted keeps the steps it has made: accepted.npy instead of points.npy, the refused mesh in refused.vtu and
+    interrupted keeps its accepted steps: accepted.npy replaces points.npy, and a refused mesh is in refused.vtu and
     quality.png.
 
     \b
     mesh-motion play examples/thesis_rotation/case.toml --out out/rotation
     mesh-motion play case.toml -o out --endpoint tcp://127.0.0.1:7440
 
-    With --from-journal the boundary of a stored session, or of a copy of its folder, moves again as it was recorded,
-    with the session's own settings or others, and a table compares what came out; DIR receives comparison.json
-    too. Status 1 if nothing was changed and the states differ all the same.
+    With --from-journal the recorded boundary motion of a stored session, or of a copy of its folder, is replayed, with
+    the settings of the session or with others (--set). A table compares the results, and DIR receives comparison.json
+    too. The status is 1 if no setting was changed but the states differ.
 
     \b
     mesh-motion play --from-journal ~/.local/state/mesh-motion/sessions/0123… -o out/again

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from mesh_motion_protocol.errors import InvalidInput, MeshMotionError
 
-from mesh_motion_server.commands.cli import complain, status_of
+from mesh_motion_server.commands.outcome import complain, status_of
 
 if TYPE_CHECKING:
     from mesh_motion_server.watch.pictures.page import Page
@@ -24,42 +24,52 @@ _PICTURES = ("history", "mesh")
 def plot(
     runs: Annotated[
         list[Path],
-        typer.Argument(metavar="RUN…", help="Folders of sessions, or folders that play wrote.", show_default=False),
+        typer.Argument(metavar="RUN…", help="Folders of stored sessions, or results of play.", show_default=False),
     ],
-    out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="Ends in .png, .svg or .pdf.")],
+    out: Annotated[
+        Path, typer.Option("--out", "-o", metavar="FILE", help="Picture to write; the name ends in .png, .svg or .pdf.")
+    ],
     show: Annotated[
         str, typer.Option(metavar="WHAT", help="history: quality, iterations, seconds; mesh: before and after.")
     ] = "history",
     size: Annotated[
-        str, typer.Option(metavar="SIZE", help="column, wide, page, slide, or WIDTH or WIDTHxHEIGHT in mm.")
+        str, typer.Option(metavar="SIZE", help="column, wide, page or slide; or WIDTH or WIDTHxHEIGHT in mm.")
     ] = "wide",
     metric: Annotated[
         str | None,
         typer.Option(
             metavar="NAME",
-            help="A quality_metric that the run recorded; with --show mesh any, non-orthogonality or face-skewness.",
+            help="Quality metric that the run recorded; with --show mesh any, non-orthogonality or face-skewness.",
             show_default=False,
         ),
     ] = None,
     steps: Annotated[
-        str | None, typer.Option(metavar="A:B", help="These steps; of a mesh, those before and after.")
+        str | None,
+        typer.Option(metavar="A:B", help="Draw steps A to B; with --show mesh, step A before and step B after."),
     ] = None,
     panel: Annotated[
         list[str] | None,
         typer.Option(
             metavar="NAME",
-            help="quality, iterations, seconds, enrichment, non-orthogonality; repeatable.",
+            help="Draw this panel: quality, iterations, seconds, enrichment or non-orthogonality; repeatable.",
             show_default=False,
         ),
     ] = None,
-    title: Annotated[str | None, typer.Option(metavar="TEXT", help='"" for none.', show_default=False)] = None,
-    dark: Annotated[bool, typer.Option("--dark", help="Light lines on dark paper.")] = False,
-    dpi: Annotated[int, typer.Option(min=50, max=1200, metavar="N", help="Of PNG, and of large meshes.")] = 300,
+    title: Annotated[
+        str | None, typer.Option(metavar="TEXT", help='Title of the picture; "" for no title.', show_default=False)
+    ] = None,
+    dark: Annotated[bool, typer.Option("--dark", help="Draw light lines on a dark background.")] = False,
+    dpi: Annotated[
+        int,
+        typer.Option(
+            min=50, max=1200, metavar="N", help="Dots per inch of PNG files, and of large meshes in all files."
+        ),
+    ] = 300,
 ) -> None:
     """Draw the history of runs, or a mesh before and after, for a paper, a page or a slide.
 
-    Several runs are drawn over each other. Text stays text in PDF, with its fonts inside; the same run gives the same
-    file.
+    Several runs are drawn into the same axes. PDF files contain text and fonts, not outlines. The same run always
+    gives the same file.
 
     \b
     mesh-motion plot out/flag --out flag.pdf --size column

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 from mesh_motion_protocol.errors import InvalidInput
 
-from mesh_motion_server.commands.cli import ExitStatus, complain, say
+from mesh_motion_server.commands.outcome import ExitStatus, complain, say
 from mesh_motion_server.toml import read_toml
 
 if TYPE_CHECKING:

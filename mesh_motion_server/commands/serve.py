@@ -10,8 +10,8 @@ from typing import Annotated, Any
 import typer
 from mesh_motion_protocol.errors import MeshMotionError
 
-from mesh_motion_server.commands.cli import ExitStatus, complain
 from mesh_motion_server.commands.completions import log_levels
+from mesh_motion_server.commands.outcome import ExitStatus, complain
 
 __all__ = ["serve"]
 
@@ -20,28 +20,37 @@ def serve(
     endpoint: Annotated[
         str | None, typer.Option(metavar="ENDPOINT", help="tcp://HOST:PORT (0: any free port) or ipc:///PATH.")
     ] = None,
-    state: Annotated[Path | None, typer.Option(metavar="DIR", help="Where sessions are stored.")] = None,
-    keys: Annotated[Path | None, typer.Option(metavar="DIR", help="Admit the keys on DIR/allow.toml only.")] = None,
-    insecure: Annotated[bool, typer.Option(help="Listen where other machines reach it, unprotected.")] = False,
+    state: Annotated[Path | None, typer.Option(metavar="DIR", help="Folder for the stored sessions.")] = None,
+    keys: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Key folder: admit only the keys in DIR/allow.toml.")
+    ] = None,
+    insecure: Annotated[
+        bool, typer.Option(help="Listen on addresses that other machines reach, without protection.")
+    ] = False,
     metrics: Annotated[
-        str | None, typer.Option(metavar="HOST:PORT", help="Answer Prometheus and probes over HTTP.")
+        str | None, typer.Option(metavar="HOST:PORT", help="Serve metrics for Prometheus and health probes over HTTP.")
     ] = None,
     monitor: Annotated[
         str | None, typer.Option(metavar="HOST:PORT", help="Show the sessions in a browser, read-only.")
     ] = None,
-    ready_file: Annotated[Path | None, typer.Option(metavar="FILE", help="Written when clients may connect.")] = None,
-    threads: Annotated[int | None, typer.Option(metavar="N", help="Of each worker; 0: all cores.")] = None,
+    ready_file: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="File to write when clients may connect.")
+    ] = None,
+    threads: Annotated[int | None, typer.Option(metavar="N", help="Threads of each worker; 0: one per core.")] = None,
     settings_file: Annotated[
-        Path | None, typer.Option("--settings", metavar="FILE.toml", help="All other settings and limits.")
+        Path | None, typer.Option("--settings", metavar="FILE.toml", help="File with all other settings and limits.")
     ] = None,
     log_level: Annotated[
-        str, typer.Option(metavar="LEVEL", help="debug, info, warning or error.", autocompletion=log_levels)
+        str,
+        typer.Option(
+            metavar="LEVEL", help="Lowest level to log: debug, info, warning or error.", autocompletion=log_levels
+        ),
     ] = "info",
 ) -> None:
-    """Serve sessions until SIGTERM; then drain, and leave every session resumable.
+    """Serve sessions until SIGTERM; then finish the running requests, and keep every session so that it can be resumed.
 
-    It listens on this machine only, unless there are --keys (`mesh-motion keys` makes them) or --insecure. Logs go to
-    standard error as JSON, one line "ready ENDPOINT" to standard output.
+    The server listens on this machine only, except with --keys (`mesh-motion keys` makes them) or --insecure. The log
+    goes to standard error as JSON, and one line "ready ENDPOINT" to standard output.
 
     \b
     mesh-motion serve

@@ -94,7 +94,7 @@ def _points(data: dict[str, Any]) -> Floats:
         return np.asarray(data["coord"][0], dtype=np.float64).T
     columns = [data[f"coord{axis}"][0] for axis in "xyz" if f"coord{axis}" in data]
     if not columns:
-        raise ValueError("neither coord nor coordx is among its variables: is it netCDF of another program?")
+        raise ValueError("neither coord nor coordx is among its variables: is it a netCDF file of another program?")
     return np.column_stack(columns).astype(np.float64)
 
 
@@ -114,7 +114,7 @@ def _blocks(data: dict[str, Any], n_points: int, dimension: int) -> dict[int, tu
         if kind[:5].upper() == "SHELL" and nodes.shape[1] in (3, 6):
             name = "triangle"
         if name and nodes.shape[1] < CELL_TYPES[name].n_nodes:
-            raise ValueError(f"block {number}: elements {kind} of {nodes.shape[1]} nodes")
+            raise ValueError(f"block {number}: elements {kind} with too few nodes, {nodes.shape[1]}")
         wrong = np.argwhere((nodes < 0) | (nodes >= n_points))
         if len(wrong):
             node = int(nodes[tuple(wrong[0])]) + 1

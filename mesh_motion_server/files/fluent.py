@@ -205,7 +205,7 @@ def _read_hdf5(path: Path) -> MeshFile:
     with opened_hdf5(path, "Fluent mesh") as file:
         if "meshes" not in file:
             raise InvalidInput(
-                f"{path}: a file in HDF5 without Fluent's group 'meshes'",
+                f"{path}: an HDF5 file without Fluent's group 'meshes'",
                 hint="give the .xdmf that it belongs to; the files of other programs end with .cgns, .med or .exo",
             )
         faces = file["meshes/1/faces"]

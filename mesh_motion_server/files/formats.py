@@ -23,12 +23,12 @@ __all__ = ["FORMATS"]
 
 _MESHED = "it has no cells of a volume: mesh the space around it, for example in Gmsh: gmsh -3 -format msh41"
 _BY_GMSH = (
-    "Gmsh reads it: gmsh FILE -save -format msh41 -o mesh.msh; pip install 'mesh-motion-server[mesh]' brings gmsh"
+    "Gmsh reads it: gmsh FILE -save -format msh41 -o mesh.msh; pip install 'mesh-motion-server[mesh]' installs gmsh"
 )
-_BY_MFEM = "read are the versions 1.0, 1.2 and 1.3; MFEM refines, or writes for others: Mesh::PrintVTK"
+_BY_MFEM = "versions 1.0, 1.2 and 1.3 are read; MFEM refines, and Mesh::PrintVTK writes a mesh for other programs"
 _BY_PARAVIEW = "ParaView reads it: filter Merge Blocks, then File, Save Data, with the ending .vtu"
 _BY_MESHIO = "meshio reads it: pip install meshio, meshio convert FILE mesh.vtu"
-_BY_ITS_PROGRAM = "its program exports others that are read, as CGNS or Fluent's .msh"
+_BY_ITS_PROGRAM = "its program exports formats that are read, for example CGNS or Fluent's .msh"
 
 
 def _named(name: str, suffixes: tuple[str, ...], head: bytes, way_in: str) -> Format:
@@ -39,9 +39,11 @@ def _named(name: str, suffixes: tuple[str, ...], head: bytes, way_in: str) -> Fo
 FORMATS: tuple[Format, ...] = (
     _named("an empty file", (), rb"\A\Z", "was its program or its copy interrupted?"),
     _named("a packed file", (), rb"\A(\x1f\x8b|BZh\d|\xfd7zXZ|\x28\xb5\x2f\xfd|7z\xbc\xaf)", "unpack it before"),
-    _named("a file in HDF5", (), rb"\A\x89HDF", "its ending says of which program: .cgns, .med, .exo, .msh.h5"),
+    _named("a file in HDF5", (), rb"\A\x89HDF", "give it the ending of its program: .cgns, .med, .exo, .msh.h5"),
     _named("a pointer of Git LFS", (), rb"\Aversion https://git-lfs", "the file itself is missing: git lfs pull"),
-    _named("a page of the web", (), rb"(?i)\A\s*<(!doctype\s+)?html\b", "the download brought no mesh: look at it"),
+    _named(
+        "a page of the web", (), rb"(?i)\A\s*<(!doctype\s+)?html\b", "the download is no mesh: open it in an editor"
+    ),
     _named(
         "a text with a byte order mark",
         (),

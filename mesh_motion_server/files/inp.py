@@ -2,8 +2,8 @@
 
 Surfaces and sets of nodes become patches; so do sets of elements of lower dimension than the mesh. Where such elements
 are listed with a name (``*ELEMENT, ELSET=Surface1``) and are all in other sets, only those count. Keywords that do not
-describe the mesh are skipped. ``*INCLUDE`` reads files in the folder of the input and below it, each once. Of parts and
-instances one is read: Abaqus counts the nodes of each apart.
+describe the mesh are skipped. ``*INCLUDE`` reads files in the folder of the input and below it, each once. Only one
+part or instance is read: Abaqus counts the nodes of each apart.
 
 http://www.dhondt.de/ccx_2.20.pdf, chapter 7
 """
@@ -133,9 +133,9 @@ def _content(text: str) -> _Content:
                 case "INSTANCE":
                     _add_instance(found, given["NAME"], moved=bool(lines))
                 case _ if keyword in _MAKING:
-                    raise ValueError("it makes nodes or elements; have all of them written, each in its row")
+                    raise ValueError("it generates nodes or elements; write each node and each element in a row")
                 case "SYSTEM" if lines:
-                    raise ValueError("nodes in coordinates of their own; have them written in the global ones")
+                    raise ValueError("nodes in a local coordinate system; write them in global coordinates")
                 case "NODE":
                     if given.get("SYSTEM", "R").upper() != "R":
                         raise ValueError(f"SYSTEM={given['SYSTEM']}, expected Cartesian coordinates")
@@ -287,7 +287,7 @@ def _surface(blocks: list[_Block], own: Integers, side: str, *, plane: bool) -> 
         raise ValueError(f"side {side!r}, expected S1, S2, …, of shells also E1, E2, …, SPOS, SNEG")
     missing = np.setdiff1d(own, np.concatenate([block.ids for block in blocks]))
     if len(missing):
-        raise ValueError(f"element {int(missing[0])} is named, but is not there")
+        raise ValueError(f"element {int(missing[0])} is named, but does not exist")
     for block in blocks:
         chosen = block.nodes[np.isin(block.ids, own)]
         as_shell = block.shell or found[1] != "S"

@@ -77,7 +77,7 @@ def _blocks(text: str) -> Iterator[tuple[int, list[str], list[str], list[list[st
             open_blocks.append((number, words[1:], []))
         elif words[:1] == ["End"]:
             if not open_blocks or words[1:2] != open_blocks[-1][1][:1]:
-                raise ValueError(f"line {number}: {line.strip()[:40]!r} ends no block that is open")
+                raise ValueError(f"line {number}: {line.strip()[:40]!r} ends a block that is not open")
             start, head, rows = open_blocks.pop()
             yield start, [outer[1] for _, outer, _ in open_blocks if outer[0] == "SubModelPart"], head, rows
         elif words and open_blocks:

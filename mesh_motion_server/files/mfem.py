@@ -169,7 +169,7 @@ def _coordinates(data: bytes) -> _Coordinates:
         known = re.fullmatch(r"H1_\dD_P(\d+)", name)
         order = int(known[1]) if known else _ORDERS.get(name, 0)
         if not order:
-            raise ValueError(f"its nodes are of {name}; read are continuous ones: H1, Linear, Quadratic, Cubic")
+            raise ValueError(f"its nodes are of {name}; only continuous ones are read: H1, Linear, Quadratic, Cubic")
     else:
         width = int(begin[2])
     end = _END.search(data, start)

@@ -116,7 +116,7 @@ def move_rows(lines: list[bytes], first: int, points: Floats, *, column: int = 0
         if len(found) < len(values):
             raise InvalidInput(
                 f"line {place + 1}, expected as the row of node {node}, has no {len(values)} numbers: {line[:40]!r}",
-                hint="take .npz or .vtu",
+                hint="write .npz or .vtu",
             )
         parts, end = [], 0
         for (begin, stop), value in zip(found, values, strict=True):

@@ -51,7 +51,7 @@ def read_npz(path: Path) -> MeshFile:
             raise InvalidInput(f"{path}: patch_{name}: expected shape (p,), got {nodes.shape}")
     ids = integers.get(_IDS)
     if ids is not None and ids.shape != points.shape[:1]:
-        raise InvalidInput(f"{path}: {_IDS}: expected shape {points.shape[:1]}, one a point, got {ids.shape}")
+        raise InvalidInput(f"{path}: {_IDS}: expected shape {points.shape[:1]}, one for each point, got {ids.shape}")
     return MeshFile(points, cells, {name: np.unique(nodes) for name, nodes in patches.items()}, path, global_ids=ids)
 
 

@@ -16,7 +16,7 @@ class NumberedRows:
 
     numbers: Integers  # (n,) ascending
     rows: Integers  # (n,)
-    missing: str = "{what} {number} is named, but is not there"
+    missing: str = "{what} {number} is named, but does not exist"
 
     @classmethod
     def of(cls, numbers: Integers, **more: str) -> NumberedRows:

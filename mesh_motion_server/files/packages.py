@@ -22,7 +22,7 @@ def load_h5py(path: Path) -> Any:
         raise InvalidInput(
             f"{path}: {path.suffix} needs h5py, which is not installed",
             code="UNIMPLEMENTED",
-            hint="pip install 'mesh-motion-server[mesh]', or take another format, such as .npz",
+            hint="pip install 'mesh-motion-server[mesh]', or use another format, for example .npz",
         ) from None
 
 
@@ -42,7 +42,7 @@ def check_unpacked(path: Path, packed: int, unpacked: int) -> None:
     if unpacked > most_unpacked(packed):
         raise InvalidInput(
             f"{path}: {packed} bytes that hold {unpacked} or more, expected at most {most_unpacked(packed)}",
-            hint="if it is a mesh all the same, store it without compression",
+            hint="if it is a mesh, store it without compression",
         )
 
 

@@ -23,9 +23,9 @@ def require_file_place(path: Path) -> None:
     """
     folder = path.resolve().parent  # a link is kept; its target is replaced
     if path.is_dir():
-        raise InvalidInput(f"{path}: a folder, where a file is to be written", hint="name a file in it")
+        raise InvalidInput(f"{path}: this is a folder, but a file is to be written", hint="name a file in it")
     if not folder.is_dir():
-        raise InvalidInput(f"{path}: there is no folder {folder}", hint=f"mkdir -p '{folder}', or name another one")
+        raise InvalidInput(f"{path}: there is no folder {folder}", hint=f"mkdir -p '{folder}', or give another folder")
     _require_writable(path, folder)
 
 
@@ -42,7 +42,8 @@ def require_folder_place(path: Path) -> None:
 def _require_writable(path: Path, folder: Path) -> None:
     if not os.access(folder, os.W_OK | os.X_OK):
         raise ResourceExhausted(
-            f"{path}: {folder} cannot be written by this user", hint="name another folder, or see ls -ld and mount"
+            f"{path}: {folder} cannot be written by this user",
+            hint="give another folder, or check its rights (ls -ld) and the mount",
         )
 
 

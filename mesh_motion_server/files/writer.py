@@ -43,7 +43,7 @@ def check_target(path: Path, source: Path | None = None) -> Format | None:
         or path.suffix.lower() not in (source.suffix.lower(), *own.suffixes)
     ):
         also = f" and, as {own.name}, {source.suffix or 'a folder'}" if source and own and own.move else ""
-        raise InvalidInput(f"{path}: .npz and .vtu are written{also}", hint="name a file that ends so")
+        raise InvalidInput(f"{path}: .npz and .vtu are written{also}", hint="give a file name with such an ending")
     if own.folder or source.suffix.lower() == ".foam":
         require_folder_place(path)
         if path.exists():

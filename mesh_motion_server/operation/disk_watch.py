@@ -89,5 +89,5 @@ def _no_answer() -> ResourceExhausted:
     return ResourceExhausted(
         "the disk of the state folder does not answer",
         code="RESOURCE_EXHAUSTED.DISK",
-        hint="see to the server's disk or network mount, then try again",
+        hint="check the server's disk or network mount, then try again",
     )

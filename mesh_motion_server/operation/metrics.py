@@ -14,9 +14,12 @@ __all__ = ["METRICS", "PREFIX", "Metric"]
 #: Prefix of each name.
 PREFIX = "mesh_motion_"
 
+#: Buckets in half decades, from moves of small meshes to those of millions of nodes.
 _SECONDS = (0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)
 _SHORT_SECONDS = (0.0001, 0.0003, 0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
+#: 14 is the bound of the alert MeshMotionMeshEndsSoon (docs/operations.md).
 _STEPS = (1.0, 2.0, 3.0, 5.0, 8.0, 14.0, 20.0, 50.0)
+#: Finest up to 0.2, the default quality_threshold.
 _QUALITIES = (0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.8)
 
 
@@ -51,8 +54,8 @@ METRICS = {
     metric.name: metric
     for metric in (
         Metric("sessions", "gauge", "Sessions with a worker, by state.", "state"),
-        Metric("moves", "counter", "Moves computed; repeats of an answered request are not."),
-        Metric("commits", "counter", "Commits answered; with durability relaxed the disk has them later."),
+        Metric("moves", "counter", "Computed moves, without repeats of answered requests."),
+        Metric("commits", "counter", "Answered commits; with durability relaxed they reach the disk later."),
         Metric("builds", "counter", "Meshes built."),
         Metric("move_seconds", "histogram", "Time to compute a move, in seconds.", bounds=_SECONDS),
         Metric("commit_seconds", "histogram", "Time to commit, in seconds.", bounds=_SECONDS),
@@ -66,18 +69,18 @@ METRICS = {
         Metric(
             "move_headroom_steps",
             "histogram",
-            "Steps like the last one until a cell inverts, of each move that requested it; 100: that or more.",
+            "Number of further equal steps until a cell inverts, for each move that requested it; 100: 100 or more.",
             bounds=_STEPS,
         ),
         Metric("corrections", "counter", "Moves whose prediction was corrected, by method.", "method"),
         Metric("predicted_inverted_cells", "counter", "Cells that moves would have inverted without correction."),
-        Metric("refused", "counter", "Requests answered by an error, by its code.", "code", ("INTERNAL",)),
+        Metric("refused", "counter", "Requests answered with an error, by its code.", "code", ("INTERNAL",)),
         Metric("received_bytes", "counter", "Bytes of requests received."),
         Metric("sent_bytes", "counter", "Bytes of replies sent."),
-        Metric("denied_connections", "counter", "Handshakes refused for want of a key on the allow-list."),
+        Metric("denied_connections", "counter", "Handshakes refused because the key is not on the allow-list."),
         Metric("fsync_seconds", "histogram", "Time of one fsync of the journals, in seconds.", bounds=_SHORT_SECONDS),
         Metric("journal_written_bytes", "counter", "Bytes written to sessions' folders."),
-        Metric("worker_starts", "counter", "Worker processes started, one a session and restart."),
+        Metric("worker_starts", "counter", "Started worker processes: one for each session and each restart."),
         Metric(
             "worker_ends",
             "counter",

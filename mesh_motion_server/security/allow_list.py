@@ -158,7 +158,7 @@ def read_entries(path: Path) -> dict[str, Entry]:
     names = Counter(entry.name for entry in entries.values())
     twice = [name for name, count in names.items() if count > 1]
     if twice:
-        raise InvalidInput(f"{path}: the name {twice[0]!r} stands for two keys")
+        raise InvalidInput(f"{path}: the name {twice[0]!r} belongs to two keys")
     return entries
 
 

@@ -49,7 +49,7 @@ def require_curve() -> None:
     """
     if not zmq.has("curve"):
         raise InvalidInput(
-            f"keys need CURVE, which libzmq {zmq.zmq_version()} was built without",
+            f"keys need CURVE, but libzmq {zmq.zmq_version()} was built without it",
             hint="install pyzmq from its wheel, or a libzmq with libsodium",
         )
 
@@ -147,7 +147,7 @@ def _make_pair(name: str, folder: Path) -> PublicKey:
     except OSError as error:
         raise InvalidInput(f"{folder}: cannot be made: {error.strerror}") from None
     except KeyFileError as error:
-        raise InvalidInput(str(error), hint="keys are never overwritten: take another folder or name") from None
+        raise InvalidInput(str(error), hint="keys are never overwritten: use another folder or name") from None
     return PublicKey(name, public)
 
 

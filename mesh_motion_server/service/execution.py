@@ -201,7 +201,7 @@ class Execution:
         return self.abandon(
             Timeout(
                 f"partitions {', '.join(map(str, missing))} did not make the request within {self._timeout:g} s",
-                hint="look whether their processes live; then make the request again",
+                hint="check that their processes run; then repeat the request",
                 details={"missing": missing},
             )
         )

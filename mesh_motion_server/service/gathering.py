@@ -75,7 +75,7 @@ class Gathering:
             return False
         if waiting.request_id != arrival.request_id:
             raise SessionError(
-                f"request {arrival.request.sequence} was already made with other content",
+                f"request {arrival.request.sequence} was already sent with other content",
                 code="ABORTED.CONFLICT",
                 hint="a new request needs a new sequence number",
             )
@@ -89,9 +89,9 @@ class Gathering:
         p, q = other.request.partition, arrival.request.partition
         theirs, ours = _say(agreement(other.request)), _say(agreement(arrival.request))
         raise InvalidInput(
-            f"the partitions ask for different things: partition {p} for {theirs}, partition {q} for {ours}",
+            f"the partitions send different requests: partition {p} for {theirs}, partition {q} for {ours}",
             code="INVALID_ARGUMENT.PARTITION",
-            hint="all partitions make the same collective request",
+            hint="all partitions must send the same collective request",
             details={"partitions": [p, q], "values": [theirs, ours]},
         )
 

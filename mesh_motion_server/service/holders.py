@@ -44,7 +44,7 @@ class Holders:
         current = self._session.epoch
         if request.epoch != current:
             resumed = request.epoch < current
-            reason = "the session was resumed by another holder" if resumed else "it was never given out"
+            reason = "the session was resumed by another holder" if resumed else "the server never issued it"
             raise SessionError(
                 f"epoch {request.epoch} is not the current one: {reason}",
                 code="ABORTED.FENCED",

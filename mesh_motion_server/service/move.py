@@ -128,8 +128,8 @@ def _check_at_client(request: Move) -> None:
     """Check that the MOVE requests nothing for which the volume or the way to the committed state is needed."""
     for name, expected, way_out in (
         ("frame", "reference", "send the total displacement, since the reference mesh"),
-        ("report", "", "measure the faces where the cells are"),
-        ("velocity", "", "take differences of the nodes' positions where they are"),
+        ("report", "", "compute the report in the client, which has the cells"),
+        ("velocity", "", "compute velocities in the client from the nodes' positions"),
     ):
         got = getattr(request, name)
         if got != expected:
@@ -253,6 +253,6 @@ def _check_lengths(
         f"displacement of partition {partition}, row {row} (node {nodes[row]}): component {axis} is "
         f"{displacement[row, axis]}, expected at most {limit:.3g}, {_FARTHEST:.0e} times the extent of the mesh",
         code="INVALID_ARGUMENT.VALUE",
-        hint="look at the sender's solver first, and at its unit of length",
+        hint="check the sender's solver first, and its unit of length",
         details={"partition": partition, "row": row, "node": int(nodes[row]), "value": str(displacement[row, axis])},
     )

@@ -145,7 +145,7 @@ def correct(
     if len(set(extents)) > 1:
         raise InvalidInput(
             f"CORRECT: expected one region from all partitions, got {extents[0]} and {extents[1]}",
-            hint="send the cells of the region that the last answer asked for",
+            hint="send the cells of the region that the last answer requested",
         )
     placed = np.zeros(len(points), dtype=bool)
     placed[boundary.known] = True

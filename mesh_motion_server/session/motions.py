@@ -105,7 +105,7 @@ def _check_places(targets: Floats, mesh: MergedMesh) -> None:
     if len(lost):
         partition, node = mesh.locate_node(int(mesh.moving[lost[0]]))
         raise InvalidInput(
-            f"partition {partition}, node {node}: its displacement leads out of the floating-point range",
+            f"partition {partition}, node {node}: its displacement exceeds the floating-point range",
             code="INVALID_ARGUMENT.NONFINITE",
             details={"partition": partition, "node": node},
         )

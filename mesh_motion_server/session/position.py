@@ -160,7 +160,7 @@ class Position:
             raise InvalidInput(
                 f"time: expected more than {last!r}, that of step {self.step}, got {time!r}",
                 code="INVALID_ARGUMENT.VALUE",
-                hint="give the time at the end of the step, seconds; OPEN has that of the reference mesh",
+                hint="give the time at the end of the step, in seconds; OPEN has the time of the reference mesh",
                 details={"field": "time", "value": float(time), "expected": float(last)},
             )
 
@@ -214,14 +214,14 @@ class Position:
             raise InvalidInput(
                 f"velocity = {scheme!r}: time is missing",
                 code="INVALID_ARGUMENT.VALUE",
-                hint="give the MOVE the time at the end of the step, seconds",
+                hint="give the MOVE the time at the end of the step, in seconds",
                 details={"field": "time"},
             )
         if self.time is None:
             raise SessionError(
                 f"velocity = {scheme!r}: the time of step {self.step} is not known",
                 code="FAILED_PRECONDITION",
-                hint="give time with each MOVE or COMMIT; from the next step on there are velocities",
+                hint="give time with each MOVE or COMMIT; velocities are available from the next step on",
                 details={"field": "time", "step": self.step},
             )
 

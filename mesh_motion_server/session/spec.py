@@ -22,6 +22,7 @@ SPEC = "spec.json"
 MOST_SPEC_BYTES = 1 << 20
 """What OPEN fixes comes in a header of at most 64 KiB; defaults are filled in."""
 
+#: A version refuses files of another format, so every incompatible change needs another number.
 _FORMAT = 1
 #: Values that have no key, so that versions which do not know the key can read the file.
 _USUAL = {"owner": "", "evaluation": "server", "time": 0.0, "time_levels": ""}
@@ -117,7 +118,7 @@ class StoredSpec:
             If the client evaluates the field.
         """
         if self.evaluation == "client":
-            raise InvalidInput(f"session {self.session}: its cells are with the client, not with the server")
+            raise InvalidInput(f"session {self.session}: the client has its cells, the server does not")
 
     def to_bytes(self) -> bytes:
         """The file's content."""

@@ -97,7 +97,7 @@ _COMMITTING = Refusal("a commit is being made durable", "wait for its reply")
 _SUSPENDED = Refusal("the session is suspended: no message of its holder came within the lease", "send JOIN again")
 _FROZEN = Refusal(
     "the disk failed while the session was written, nothing more is written",
-    "see to the disk, send CLOSE with outcome 'keep', then RESUME",
+    "check the disk, send CLOSE with outcome 'keep', then RESUME",
     "RESOURCE_EXHAUSTED.DISK",
 )
 _FAILED = Refusal("the session failed unexpectedly", "send CLOSE with outcome 'keep', then RESUME")

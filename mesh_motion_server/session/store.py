@@ -404,6 +404,6 @@ def _disk_error(what: str, error: OSError) -> ResourceExhausted:
     return ResourceExhausted(
         f"{what}: {error.strerror or error}",
         code="RESOURCE_EXHAUSTED.DISK",
-        hint="see to the disk that holds the state folder",
+        hint="check the disk that holds the state folder",
         details={"errno": error.errno or 0},
     )

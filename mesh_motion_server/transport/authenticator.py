@@ -22,6 +22,7 @@ __all__ = ["Authenticator"]
 _ALLOWED, _TEMPORARY, _REFUSED = b"200", b"300", b"400"
 #: Frames of a request after the empty delimiter: version, id, domain, address, routing id, mechanism, key.
 _FRAMES = 7
+#: Enough for any request of libzmq: its longest variable frames are a routing id of 255 bytes and an address.
 _QUESTION_BYTES = 4096
 #: Refused handshakes are counted and logged at most this often, so that an attack does not fill the log.
 _LOG_SECONDS = 1.0

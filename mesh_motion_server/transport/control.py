@@ -362,7 +362,7 @@ def _require_place(live: Live) -> None:
         raise ResourceExhausted(
             f"{_WAITING} requests wait to resume session {live.session} already",
             code="UNAVAILABLE",
-            hint="try again in a second; one holder at a time moves a session",
+            hint="try again in a second; only one holder at a time can move a session",
         )
 
 
@@ -384,9 +384,9 @@ def _known(error: MeshMotionError | OSError) -> MeshMotionError:
         return error
     log().error("refused_by_system", reason=str(error))
     return ResourceExhausted(
-        f"the server's system refuses: {error.strerror or error}",
+        f"the server's operating system refuses: {error.strerror or error}",
         code="RESOURCE_EXHAUSTED",
-        hint="try again; if that lasts, see to memory, processes and open files of the server's machine",
+        hint="try again; if this error comes again, check memory, processes and open files of the server's machine",
     )
 
 

@@ -113,7 +113,7 @@ def _short_enough(path: str) -> str:
     longest = max(len(os.fsencode(path)), len(os.fsencode(str(Path(path).parent) + _WORKER_NAME)))
     if longest > PATH_BYTES:
         raise EndpointError(
-            f"an ipc path must leave room in {PATH_BYTES} bytes, {path!r} does not",
+            f"an ipc path and its data sockets must fit into {PATH_BYTES} bytes, {path!r} is too long",
             hint="use a shorter folder, for example under /tmp or /run",
         )
     return path
@@ -139,7 +139,7 @@ def lock_folder(endpoint: Endpoint) -> TextIO | None:
     status = folder.stat()
     if status.st_uid != os.geteuid() or stat.S_IMODE(status.st_mode) & 0o077:
         raise EndpointError(
-            f"the folder {folder} of an ipc endpoint must be yours alone (mode 0700), "
+            f"the folder {folder} of an ipc endpoint must belong to you alone (mode 0700), "
             f"got mode {stat.S_IMODE(status.st_mode):04o}",
             hint="chmod 700 it, or use a folder of its own",
         )
@@ -216,12 +216,14 @@ def router(
     socket.setsockopt(zmq.MAXMSGSIZE, message_bytes)
     socket.setsockopt(zmq.RCVHWM, queued)
     socket.setsockopt(zmq.SNDHWM, queued)
+    # a second connection cannot take over the routing id of another one, and with it the replies
     socket.setsockopt(zmq.ROUTER_HANDOVER, 0)
     socket.setsockopt(zmq.ROUTER_MANDATORY, 1)
     socket.setsockopt(zmq.HANDSHAKE_IVL, max(1, round(1000 * handshake_seconds)))
+    # a peer that disappeared without a word is disconnected, so that it does not keep a session's lease for ever
     socket.setsockopt(zmq.HEARTBEAT_IVL, 10_000)
     socket.setsockopt(zmq.HEARTBEAT_TIMEOUT, 30_000)
-    socket.setsockopt(zmq.LINGER, 5_000)
+    socket.setsockopt(zmq.LINGER, 5_000)  # an ending process still sends its last replies
     return socket
 
 

@@ -42,6 +42,7 @@ __all__ = ["Gateway", "main"]
 _MEMORY = 512 << 20
 #: Memory beyond that of the start that the C library may keep.
 _KEPT = 32 << 20
+#: Headers queued per client and direction: one of 64 KiB each, so a slow client holds at most 4 MiB.
 _QUEUED = 32
 #: Largest number of open files and connections; further connections wait in the kernel until some have ended.
 _DESCRIPTORS = 4096
@@ -188,7 +189,7 @@ class Gateway:
 
 def _busy() -> MeshMotionError:
     """Return the error for a request that the supervisor cannot accept: nothing was started."""
-    return MeshMotionError("the server is behind with its requests", code="UNAVAILABLE")
+    return MeshMotionError("the server has too many waiting requests", code="UNAVAILABLE")
 
 
 def main(channel: Channel, level: str) -> int:

@@ -91,7 +91,8 @@ class GatewayLine:
                 raise ProtectionError(answer["reason"])
             reason = answer["reason"] if answer else "the gateway ended, or did not start in time"
             raise EndpointError(
-                f"cannot listen on {self.endpoint}: {reason}", hint="stop who listens there, or use another endpoint"
+                f"cannot listen on {self.endpoint}: {reason}",
+                hint="stop the program that listens there, or use another endpoint",
             )
         self._take(gateway)
         self._bound(answer["endpoint"])

@@ -24,9 +24,11 @@ __all__ = ["Pages", "main"]
 
 #: Bytes beyond what Python maps.
 _MEMORY = 256 << 20
+#: More than the connections below and the process' own files, so accepting a connection does not fail.
 _DESCRIPTORS = 256
 #: Largest number of connections at a time; a new one closes the oldest.
 _CONNECTIONS = 64
+#: Longest time for a request and its answer (docs/security.md).
 _SECONDS = 5.0
 #: Longest request with its headers.
 _REQUEST_BYTES = 8192

@@ -43,6 +43,7 @@ __all__ = [
     "wake_on_signals",
 ]
 
+#: Constants of Linux' sys/prctl.h and of glibc's malloc.h, for which Python has no names.
 _PR_SET_PDEATHSIG = 1
 _PR_SET_NAME = 15
 _PR_SET_CHILD_SUBREAPER = 36
@@ -113,7 +114,7 @@ class Child:
                 return os.waitstatus_to_exitcode(status)
             if time.monotonic() >= deadline:
                 return None
-            time.sleep(0.001)
+            time.sleep(0.001)  # waitpid itself has no time limit
         return 1
 
 
@@ -279,7 +280,7 @@ def fork_from_template() -> bool:
         os._exit(error.errno or 1)
     if child:
         os._exit(0)
-    while os.getppid() == between:
+    while os.getppid() == between:  # only then the supervisor is the parent, whose death the kernel watches
         time.sleep(1e-4)
     _die_with(supervisor)
     return True

@@ -116,7 +116,7 @@ class RequestBook:
             return asked, True
         if known.content != content:
             raise SessionError(
-                f"request {request.sequence} was already made with another content",
+                f"request {request.sequence} was already sent with other content",
                 code="ABORTED.CONFLICT",
                 hint="use a new sequence for a new request",
             )

@@ -35,8 +35,8 @@ LIFELINE = "MESH_MOTION_LIFELINE_FD"
 _PRIVATE_FOLDERS = "MESH_MOTION_PRIVATE_FOLDERS"
 #: Alternatives to an endpoint for other machines.
 _INSTEAD = {
-    "metrics": "let something on this machine fetch them",
-    "monitor": "from another machine look through `ssh -L 7441:127.0.0.1:7441 HOST`",
+    "metrics": "let a program on this machine fetch them",
+    "monitor": "from another machine use a tunnel: `ssh -L 7441:127.0.0.1:7441 HOST`",
 }
 
 
@@ -163,7 +163,7 @@ def _allowed(text: str, *, insecure: bool, protected: bool) -> Endpoint:
         raise EndpointError(
             f"{text} is reached by other machines, and without keys this server neither encrypts nor authenticates",
             hint="give --keys (`mesh-motion keys server DIR` makes them), or listen on 127.0.0.1 or ipc and tunnel "
-            "with ssh; --insecure listens there all the same",
+            "with ssh; --insecure listens there without protection",
         )
     log().warning("insecure", endpoint=text, consequence="all who reach this address may open sessions")
     return endpoint
@@ -176,7 +176,7 @@ def _check_watching(name: str, address: str | None, *, insecure: bool) -> None:
     if not insecure:
         raise EndpointError(
             f"the {name} on {address} would be read by other machines, and keys do not protect it",
-            hint=f"listen on 127.0.0.1; {_INSTEAD[name]}; --insecure listens there all the same",
+            hint=f"listen on 127.0.0.1; {_INSTEAD[name]}; --insecure listens there without protection",
         )
     log().warning("insecure", **{name: address}, consequence=f"all who reach this address may read the {name}")
 

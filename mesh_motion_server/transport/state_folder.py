@@ -86,13 +86,13 @@ def _require_own(folder: Path) -> None:
         entry, found = folder.lstat(), folder.stat()
     except FileNotFoundError:
         if folder.is_symlink():
-            raise EndpointError(f"{folder} is a link that leads nowhere", hint="give a folder as --state") from None
+            raise EndpointError(f"{folder} is a link without a target", hint="give a folder as --state") from None
         return
     mode = stat.S_IMODE(found.st_mode)
     if mode & 0o022:
         raise EndpointError(
             f"other users may write to {folder}: its mode must be 0700, got {mode:04o}",
-            hint=f"chmod 700 {folder}, and look for what others may have put there",
+            hint=f"chmod 700 {folder}, and check it for files of other users",
         )
     strangers = {entry.st_uid, found.st_uid} - {os.geteuid(), 0}
     if strangers:
@@ -127,9 +127,9 @@ def _holder(lock: int) -> str:
 
 def _refused(root: Path, error: OSError) -> MeshMotionError:
     taken = isinstance(error, FileExistsError)
-    reason = "it is a file, or a link that leads nowhere" if taken else error.strerror or error
+    reason = "it is a file, or a link without a target" if taken else error.strerror or error
     return ResourceExhausted(
         f"the state folder {root} cannot be used: {reason}",
         code="RESOURCE_EXHAUSTED.DISK",
-        hint="see to the disk and to the rights of the folder, or give another --state",
+        hint="check the disk and the rights of the folder, or give another --state",
     )

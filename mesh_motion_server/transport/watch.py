@@ -24,6 +24,7 @@ from mesh_motion_server.transport.telemetry import log, log_suppressed
 
 __all__ = ["Watch"]
 
+#: Time between two beats: checks of all processes, and reports to the attendants.
 _SECONDS = 1.0
 #: Limit for the template's imports, which take one second on an idle machine.
 _TEMPLATE_SECONDS = 60.0
@@ -31,7 +32,7 @@ _TEMPLATE_SECONDS = 60.0
 _WARNED = 2
 #: Largest number of sessions sent to the page, the latest ones; their entries fit into one message.
 _MOST_SESSIONS = 500
-_MAKE_ROOM = "make room, such as by removing history/ of closed sessions: below the reserve new sessions are refused"
+_MAKE_ROOM = "make room, for example remove history/ of closed sessions: below the reserve new sessions are refused"
 #: States of a session with a worker.
 _STATES = ("NEW", "OPENING", "READY", "TRIAL", "COMMITTING", "SUSPENDED", "FROZEN", "FAILED")
 
@@ -146,7 +147,7 @@ class Watch:
             return
         self._disk_trouble = trouble
         if trouble == "disk_silent":
-            log().error(trouble, hint="see to the disk or network mount of the state folder")
+            log().error(trouble, hint="check the disk or network mount of the state folder")
         elif trouble:
             log().warning(trouble, free=disk.free, reserve=reserve, hint=_MAKE_ROOM)
         else:

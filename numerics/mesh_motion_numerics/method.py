@@ -114,17 +114,17 @@ class Method:
     support_radius: float | None = _key(
         None,
         _INTERPOLATION,
-        "R. Left out: 2.5 times the longest side of the domain, or 50 times that of the moving bodies where the domain "
-        "is larger than 20 of them.",
-        "Smaller for bodies in narrow channels with correction `none` or `explicit`: near the width of the gap. "
-        "Optimised corrections do not mind R ([measured](beyond.md#defaults)).",
+        "R. Default: 2.5 times the longest side of the domain; if the domain is longer than 20 times the moving "
+        "bodies, 50 times the longest side of the bodies.",
+        "Make it smaller for bodies in narrow channels with correction `none` or `explicit`: near the width of the "
+        "gap. Optimised corrections depend little on R ([measured](beyond.md#defaults)).",
         above=0.0,
     )
     displacement: str = _key(  # type: ignore[assignment]  # chosen in __post_init__
         None,
         _DISPLACEMENT,
         "What is interpolated: the displacement since the committed state, the total one from the reference mesh, or "
-        "the total one in sub-steps along a path that turns with the body. Left out: "
+        "the total one in sub-steps along a path that turns with the body. Default: "
         '`"absolute"` with the correction `"smooth"`, otherwise `"relative"`.',
         '`"relative"` takes large total motions in small steps, but drifts when the motion comes back; `"absolute"` '
         'and `"reanchored"` depend on where the boundary is, not on how it got there '
@@ -135,21 +135,22 @@ class Method:
     sub_steps: str = _key(
         "auto",
         _DISPLACEMENT,
-        "Lead the mesh to its targets in several corrected legs, each body along a path that turns with it: where one "
-        "step would be refused, or never.",
-        '`"never"` to be refused at once ([what legs reach](beyond.md#valid-wherever-a-valid-mesh-exists)).',
+        "Move the mesh to its target in several corrected sub-steps, each body along a path that turns with it: "
+        '`"auto"` only if one step would be refused, `"never"` not at all.',
+        'Set `"never"` to get the refusal at once '
+        "([what sub-steps reach](beyond.md#valid-wherever-a-valid-mesh-exists)).",
         choices=("auto", "never"),
     )
     correction: str = _key(  # type: ignore[assignment]  # chosen in __post_init__
         None,
         _CORRECTION,
-        'How cells are kept from going bad. `"smooth"`: the mesh is a smooth function of where the boundary is; the '
-        "correction grows from where a cell has lost a tenth of its shape or size at rest, without threshold and "
-        "target, and layers of thin cells always move with their wall. The others correct a motion that is predicted "
-        "below the threshold; such layers move with their wall where they would be spoiled. Left out: "
-        '`"smooth"`, unless a key asks for what only `"optimised"` has (a displacement `"relative"`, another metric, a '
-        'target, a reduction). A motion for which `"smooth"` finds no mesh is corrected as `"optimised"` does, with a '
-        "warning.",
+        'How the mesh is corrected to keep its quality. `"smooth"`: the mesh is a smooth function of where the '
+        "boundary is; the correction begins when a cell has lost a tenth of its shape or size at rest, has no "
+        "threshold and no target, and layers of thin cells always move with their wall. The others correct a motion "
+        "that is predicted below the threshold; such layers move with their wall if they would lose their quality. "
+        'Default: `"smooth"`, unless a key asks for what only `"optimised"` has (a displacement `"relative"`, another '
+        'metric, a target, a reduction). A motion for which `"smooth"` finds no mesh is corrected as `"optimised"` '
+        "does, with a warning.",
         '`"smooth"` suits coupled runs: node velocities without jumps (geometric conservation), the same mesh for the '
         'same boundary after any number of steps. `"optimised"` frees trial nodes as needed and reaches most in one '
         'step; `"enrichment"` optimises the coefficients of few '
@@ -161,8 +162,8 @@ class Method:
     correction_target: str | None = _key(
         None,
         _CORRECTION,
-        "Where a correction stops: when every cell is at the threshold, or at the best it can reach. Left out: the "
-        "best, where it costs a second or two (to 30 000 free nodes in 2D, 5 000 in 3D), else the threshold.",
+        "Where a correction stops: when every cell is at the threshold, or at the best it can reach. Default: the "
+        "best, if it takes at most a second or two (up to 30 000 free nodes in 2D, 5 000 in 3D), else the threshold.",
         '`"threshold"`: its cost follows the bad region. `"maximum"` goes on, and is within a hundredth of the best '
         "known on average, [in 2D and in 3D](beyond.md#the-ceiling-and-its-cost).",
         choices=("threshold", "maximum"),
@@ -170,7 +171,7 @@ class Method:
     quality_metric: str = _key(
         "relative-size-skew",
         _CORRECTION,
-        "What is judged.",
+        "The quality of a cell.",
         '`"relative-size-skew"` compares each cell with itself at rest: √size · shape relative to rest '
         "([why](beyond.md#judged-against-the-cell-at-rest)). The others compare the skew with an ideal cell: "
         '`"size-skew"` is √size · skew; `"size-skew-root"` is √(size · skew), `"size-skew-product"` size · skew; '
@@ -181,7 +182,7 @@ class Method:
         0.2,
         _CORRECTION,
         "A motion predicted below it is corrected.",
-        "By what your solver bears ([choosing it](choosing.md)).",
+        "Set it to the quality that your solver needs ([choosing it](choosing.md)).",
         low=-1.0,
         high=1.0,
     )
@@ -189,7 +190,7 @@ class Method:
         False,
         _CORRECTION,
         "Refuse a valid motion that stays below the threshold; otherwise it is kept with a warning.",
-        "Where the driver takes a smaller step instead.",
+        "Use it if the driver can repeat a refused step with a smaller one.",
     )
     allow_invalid: bool = _key(
         False,
@@ -200,26 +201,26 @@ class Method:
     max_enrichment_points: int = _key(
         20,
         _CORRECTION,
-        "Bound of the enrichment; it does not bound freed nodes.",
-        "More where several places are bad at once, with corrections other than `optimised`.",
+        "Largest number of enrichment points; freed nodes have no such limit.",
+        "Use more if several places are bad at once and the correction is not `optimised`.",
         low=0,
         high=100_000,
     )
     enrichment_radius: float | None = _key(
         None,
         _CORRECTION,
-        "R_l of the enrichment. Left out: the diameter of the largest ball between the boundaries, at most R.",
-        "To reproduce a published setting ([measured](beyond.md#defaults)).",
+        "R_l of the enrichment. Default: the diameter of the largest ball between the boundaries, at most R.",
+        "Set it to reproduce a published setting ([measured](beyond.md#defaults)).",
         above=0.0,
     )
     reduction: str = _key(
         "none",
         _REDUCTION,
-        "Which boundary nodes the interpolation starts from: all, or a choice that leaves at the others an error of at "
-        "most a thousandth of the largest displacement; a near-surface correction makes them exact (thesis §2.2).",
-        'Tens of thousands of boundary nodes: `"greedy"` takes the node of the largest error, `"grouped-circular"` '
-        "that of one group of nodes after the other, which is up to ten times as fast and takes some more nodes "
-        "([others compared](thesis.md#point-reduction-groups-levels-and-grids)).",
+        "Boundary nodes that the interpolation uses: all, or a selection that leaves an error of at most a thousandth "
+        "of the largest displacement at the others; a near-surface correction makes these exact (thesis §2.2).",
+        'For tens of thousands of boundary nodes: `"greedy"` adds the node with the largest error; '
+        '`"grouped-circular"` searches this node in one group of nodes after the other, is up to ten times as fast and '
+        "takes some more nodes ([others compared](thesis.md#point-reduction-groups-levels-and-grids)).",
         choices=("none", *_REDUCTIONS),
         needs={name: {"basis": (*_COMPACT, *_DEFINITE)} for name in _REDUCTIONS},
     )

@@ -1,4 +1,4 @@
-"""The judge on motions whose quality is known, and its protection against systems that cheat."""
+"""The judge on motions of known quality, and its protection against systems that cheat."""
 
 import numpy as np
 import pytest

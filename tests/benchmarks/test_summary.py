@@ -1,4 +1,4 @@
-"""The run of all benchmarks: the aims against made-up figures, the page, and one short run end to end."""
+"""The run of all benchmarks: the aims on artificial figures, the page, and one short run end to end."""
 
 import subprocess
 from dataclasses import replace
@@ -93,10 +93,10 @@ def test_an_aim_is_met_or_not_or_not_measured(evidence: Evidence) -> None:
     assert row(evidence, "W3, 3D").met is None
     assert row(evidence, "step ~ nodes").met is False  # 357 times the time for 97 times the nodes
     assert row(evidence, "M5: largest memory").measured == "4.1 GB"
-    assert row(evidence, "M3: a later iteration, of").met is True
-    assert row(evidence, "M4: wire's share").met is False
+    assert row(evidence, "M3: later iteration / first").met is True
+    assert row(evidence, "M4: share of the wire").met is False
     assert row(evidence, "M4: worker's memory").met is True
-    assert row(evidence, "M5: bytes a node").measured == "300 at most, 100 kept"
+    assert row(evidence, "M5: bytes per node").measured == "300 at most, 100 kept"
     assert row(evidence, "M3: corrected minimum").met is True
     assert row(evidence, "M3: correction to 0.28").met is False  # 4 s
     assert row(evidence, "M2: correction to the maximum").met is None
@@ -115,15 +115,15 @@ def test_starting_is_measured_as_a_user_meets_it(evidence: Evidence, tmp_path: P
 
 
 def test_derivatives_are_compared_with_the_step_that_led_there(evidence: Evidence, tmp_path: Path) -> None:
-    assert row(evidence, "M3: Jᵀ w, of a step with").met is None
+    assert row(evidence, "M3: Jᵀ w / step with").met is None
     found = DerivativeCost.read(measured_in_fresh_process("derivatives", 2, "M1", str(tmp_path), "1"))
     assert found.freed > 0
     step = Seconds(2.0, 2.0)
     evidence.derivatives["M3"] = replace(found, step=step, prepared=Seconds(0.5, 0.5), cotangent=Seconds(1.0, 1.0))
-    shown = row(evidence, "M3: Jᵀ w, of a step with a correction")
+    shown = row(evidence, "M3: Jᵀ w / step with a correction")
     assert (shown.met, shown.measured) == (True, "0.75 (0.5 for each further vector)")
     evidence.derivatives["M3"] = replace(found, plain_step=step, plain_prepared=step, plain_cotangent=step)
-    assert row(evidence, "M3: Jᵀ w, of a step without").met is False
+    assert row(evidence, "M3: Jᵀ w / step without correction").met is False
 
 
 def test_the_fastest_other_system_counts(evidence: Evidence) -> None:

@@ -1,4 +1,4 @@
-"""Every system keeps the convention: boundary exact, one set of positions a step; a missing one is reported."""
+"""Every system keeps the convention: exact boundary, one set of positions per step; a missing system is reported."""
 
 import json
 from dataclasses import replace
@@ -21,7 +21,9 @@ LONG = ("ours-iterated", "ours-served", "ours-one-scale")
 
 
 def marks(name: str, system: System) -> list[pytest.MarkDecorator]:
-    """Skip what is not installed; whole runs of our own ways take longest, and their parts have tests of their own."""
+    """Skip systems that are not installed; whole runs of our own systems take longest, and other tests cover their
+    parts.
+    """
     nightly = [pytest.mark.nightly] if name in LONG else []
     reason = system.missing()
     return [*nightly, pytest.mark.skip(reason=reason)] if reason else nightly
@@ -60,7 +62,7 @@ def test_a_small_motion_is_valid_and_exact_on_the_boundary(tmp_path: Path, name:
 
 
 def test_dense_rbf_interpolates_and_decays() -> None:
-    """The displacement is the boundary's at the boundary, and φ alone makes it up in between."""
+    """The displacement equals the boundary's at the boundary, and between them φ alone determines it."""
     task = gentle_task(steps=1)
     moved = DenseRBF(task, support_radius=2.5).move(0)
     centres = task.points[np.concatenate([task.moving, task.fixed])]

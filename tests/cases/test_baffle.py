@@ -25,7 +25,7 @@ TURN = "translation = [0.05, 0.1], rotation = {angle}, centre = [0.5, 0.5]"
 
 
 def plate(patches: dict[str, slice]) -> dict[str, Any]:
-    """A grid of 20 × 20 quads, slit in the middle; the slit's lower side in row 0, its upper side in row 1."""
+    """A grid of 20 × 20 quads with a slit in the middle; row 0 has the slit's lower side, row 1 its upper side."""
     grid = np.linspace(0.0, 1.0, 21)
     points = np.stack(np.meshgrid(grid, grid), -1).reshape(-1, 2)
     number = np.arange(441).reshape(21, 21)
@@ -89,7 +89,7 @@ def test_its_sides_do_not_pass_through_each_other(server: Server, tmp_path: Path
 
 
 def halves(folder: Path, motions: dict[str, str]) -> Path:
-    """Two squares side by side whose nodes on the common side are at the same place; each side moves on its own."""
+    """Two adjacent squares; the nodes on the common side have equal positions, and each side moves separately."""
     grid = np.linspace(0.0, 1.0, 9)
     left = np.stack(np.meshgrid(grid, grid), -1).reshape(-1, 2)
     number = np.arange(81).reshape(9, 9)

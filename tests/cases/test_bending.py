@@ -127,7 +127,7 @@ def test_a_first_case_of_a_body_on_a_wall_bends_it_and_is_accepted(tmp_path: Pat
 
 @pytest.mark.parametrize("shift", [0.0, 0.1, 0.7, 1e3])
 def test_a_side_that_is_clamped_all_round_bends_between_its_edges(tmp_path: Path, shift: float) -> None:
-    """Its middle and that of its edges are one place but for rounding, which is no direction."""
+    """Its middle and that of its edges are equal except for rounding, so they give no direction."""
     axes = [np.linspace(0, length, 7) / 3 + shift for length in (2, 1, 1)]
     points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     number = np.arange(343).reshape(7, 7, 7)

@@ -120,7 +120,7 @@ def layer(path: Path, normal: int, *, two: bool, flap: bool = False) -> MeshFile
 @pytest.mark.parametrize("two", [False, True])
 @pytest.mark.parametrize("normal", [0, 1, 2])
 def test_the_sides_of_one_layer_of_cells_are_a_symmetry(tmp_path: Path, normal: int, two: bool, flap: bool) -> None:
-    """They neither move nor pin the others, and the first motion is one in the plane."""
+    """They do not move and do not hold the others, and the first motion lies in the plane."""
     mesh = layer(tmp_path / "mesh.npz", normal, two=two, flap=flap)
     sides = dict.fromkeys(["front", "back"] if two else ["sides"], "symmetry")
     assert {name: role for name, (role, _) in guessed_roles(mesh).items()} == {

@@ -1,4 +1,4 @@
-"""What play does with a case and with replies: through a stand-in, and once through a real server over the wire."""
+"""The handling of a case and of replies by play: with a stand-in, and once with a real server."""
 
 import csv
 import json
@@ -95,7 +95,7 @@ def wendland(a: np.ndarray, b: np.ndarray, radius: float) -> np.ndarray:
 
 
 def opener(sessions: list[StandIn], refuse_at: int | None = None) -> Any:
-    """What replaces ``open_session``; the sessions it opened go to a list."""
+    """A replacement of ``open_session``; its sessions go to a list."""
 
     @contextmanager
     def open_stand_in(case: Case, mesh: MeshFile, *options: Any, **more: Any) -> Iterator[StandIn]:
@@ -233,7 +233,7 @@ def test_a_refused_step_keeps_the_steps_before_it(make_case, stand_in: Plays, tm
     with pytest.raises(QualityRefused) as refused:
         play(make_case(), out)
     found = {f.name for f in out.iterdir()}
-    # what the first run has left is gone, and the last accepted mesh does not pass for the final one
+    # results of the first run are removed, and the last accepted mesh is not stored as the final one
     assert "points.npy" not in found
     assert {"notes.txt", "accepted.npy", "refused.vtu", "mesh_0000.vtu", "mesh_0001.vtu", "quality.png"} <= found
     assert "mesh_0002.vtu" not in found
@@ -325,7 +325,7 @@ def test_without_matplotlib_all_but_the_picture(
 
 
 def nothing_is_left(server: Server) -> bool:
-    """No session: a discarded one leaves the list with CLOSED."""
+    """Wait until there is no session: a discarded one leaves the list with CLOSED."""
     deadline = time.monotonic() + 20.0
     while server.sessions() and time.monotonic() < deadline:
         time.sleep(0.05)

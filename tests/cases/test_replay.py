@@ -1,4 +1,4 @@
-"""A stored session replayed: the same bits with the same settings, whatever happened; differences are reported."""
+"""Replay of a stored session: the same bits with the same settings in all cases; differences are reported."""
 
 import csv
 import json
@@ -44,7 +44,7 @@ def new_driver(root: Path, meshes: list[PartitionMesh], level: str = "full", **s
 
 
 def record(root: Path, level: str = "full", parts: int = 1, **settings: Any) -> Path:
-    """A life with iterations, roll-backs, both frames, a refusal and a resumption; the session's folder."""
+    """A session with iterations, roll-backs, both frames, a refusal and a resumption; its folder."""
     whole = boxed(9)
     driver = new_driver(root, [whole] if parts == 1 else split_mesh(whole, parts), level, **settings)
     for step in range(1, STEPS + 1):
@@ -78,7 +78,7 @@ def record(root: Path, level: str = "full", parts: int = 1, **settings: Any) -> 
 
 
 class InProcess:
-    """A session without a socket, as a client has it."""
+    """A session without a socket, with the methods of a client's session."""
 
     def __init__(self, recorded: Recorded, root: Path, changes: dict[str, Any]) -> None:
         view = recorded.mesh
@@ -153,14 +153,14 @@ class Late(BoundaryLog):
 
 
 class Untimed(BoundaryLog):
-    """Of a session of before times were recorded."""
+    """A session from a version that recorded no times."""
 
     timed = False  # type: ignore[assignment]
 
 
 @pytest.mark.parametrize("levels", ["bdf2", "bossak"])
 def test_velocities_are_compared_in_a_session_with_time_levels(levels: str, tmp_path: Path) -> None:
-    """Replay, inspect and the pair of meshes that plot draws read the coordinates of such a session, not its levels."""
+    """Replay, inspect and plot read the coordinates of such a session, not its time levels."""
     meshes = [boxed(9)]
     driver = with_levels(tmp_path / "recorded", meshes, levels)
     for step, time in enumerate((0.25, 1.0, 1.125), start=1):
@@ -271,7 +271,11 @@ def test_another_machine_or_version_makes_no_promise(recorded: Recorded, folder:
     assert comparison.unpromised == ""
     assert comparison.broken_promise()
     mixed = [(1, "mesh-motion-server 0.0.1"), (3, maker())]
-    for makers, why in (([(1, "")], "not recorded"), ([], "not recorded"), (mixed, "computed by mesh-motion-server 0")):
+    for makers, why in (
+        ([(1, "")], "does not record"),
+        ([], "does not record"),
+        (mixed, "computed by mesh-motion-server 0"),
+    ):
         other = replace(comparison, recorded=replace(seeded, makers=makers))
         assert why in other.unpromised
         assert other.broken_promise() == ""
@@ -299,14 +303,14 @@ def test_steps_of_another_life_than_the_stored_one_are_not_replayed(
 
 
 def test_steps_before_another_life_are_replayed(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The journal knows the last four steps, and the log has other ones from the fifth on."""
+    """The journal has the last four steps, and the log has other ones from the fifth on."""
     digest = BoundaryLog(folder).digest
     commits = tuple(CommitEntry(step, digest(step) if step < 5 else b"x" * 32, (), b"") for step in range(3, STEPS + 1))
     ledger = replace(read_ledger(folder, PosixFileSystem()), commits=commits)
     monkeypatch.setattr("mesh_motion_server.cases.recorded.read_ledger", lambda *_: ledger)
     recorded = read_recorded(folder)
     assert recorded.log.steps == 4
-    assert recorded.notes == ["the steps from 5 on were made again, while no history was kept"]
+    assert recorded.notes == ["the steps from 5 on were repeated while no history was recorded"]
 
 
 def test_what_does_not_verify_ends_the_replay_before_it_begins(folder: Path, tmp_path: Path) -> None:
@@ -318,7 +322,7 @@ def test_what_does_not_verify_ends_the_replay_before_it_begins(folder: Path, tmp
     path.write_bytes(data)
     recorded = read_recorded(copy)
     assert recorded.log.steps == 3
-    assert recorded.notes == ["what the boundary did in step 4 does not verify"]
+    assert recorded.notes == ["the recorded motion of the boundary in step 4 has a wrong checksum"]
 
 
 def test_only_steps_whose_events_are_there_are_summed_up(recorded: Recorded, tmp_path: Path) -> None:
@@ -327,7 +331,7 @@ def test_only_steps_whose_events_are_there_are_summed_up(recorded: Recorded, tmp
     values = comparison.as_dict()
     assert values["recorded"]["steps"] == values["replayed"]["steps"] == STEPS - 3
     assert values["recorded"]["mean_quality"] == values["replayed"]["mean_quality"]
-    assert comparison.notes == ["events are there of 3 of 6 steps (steps 4 to 6): only those are summed up"]
+    assert comparison.notes == ["events exist for 3 of 6 steps (steps 4 to 6): only these are counted"]
     assert comparison.agreement.compared == STEPS
 
 
@@ -382,7 +386,7 @@ def test_over_the_wire_with_all_results(server: Server, folder: Path, tmp_path: 
     agreement = comparison.agreement
     assert agreement.exact or not computes_as_servers()
     assert agreement.replayed_min == pytest.approx(agreement.recorded_min, abs=1e-12, nan_ok=True)
-    assert comparison.unpromised == "equal bits are not promised: another server made the replay"
+    assert comparison.unpromised == "equal bits are not guaranteed: the replay ran on another server"
     assert {"comparison.json", "summary.json", "steps.csv", "points.npy", "mesh.pvd"} <= {
         path.name for path in out.iterdir()
     }

@@ -1,4 +1,4 @@
-"""The story of a step: what an engineer asks is in it."""
+"""The story of a step has the facts that an engineer needs."""
 
 import json
 from dataclasses import asdict
@@ -60,7 +60,7 @@ def test_a_correction_that_did_not_get_there(tmp_path: Path) -> None:
     text = text_of(tmp_path, 250)
     assert "corrected 0.1250, threshold 0.2" in text
     assert "not reached" in text
-    assert "led there in 4 sub-steps" in text
+    assert "moved in 4 sub-steps" in text
 
 
 def test_refusals_and_roll_backs_come_in_their_order(folder: Path) -> None:
@@ -88,7 +88,7 @@ def test_a_step_that_is_made_again_has_both_lives(tmp_path: Path) -> None:
     life = ["moved", "moved", "committed"]
     assert [event["event"] for event in story.events] == [*life, "resumed", *life]
     assert story.outcome == "committed"
-    assert "resumed at step 4, epoch 2, by version 0.0.0: the crash took this step back" in "\n".join(story.lines)
+    assert "resumed at step 4, epoch 2, by version 0.0.0: the crash lost this step" in "\n".join(story.lines)
     digest = digest_of_history(tmp_path)
     assert digest.spans == [(1, 6)]
 
@@ -119,7 +119,7 @@ def test_a_history_that_begins_late_has_no_step_before(torn: bool, tmp_path: Pat
         segment.write_bytes(segment.read_bytes()[900:-100])
     with pytest.raises(InvalidInput, match="step 1 is not recorded; recorded are steps 8 to 1") as caught:
         story_of_step(tmp_path, 1)
-    assert "the oldest go first" in caught.value.hint
+    assert "the oldest events are removed first" in caught.value.hint
     story = story_of_step(tmp_path, 8)
     assert {event["step"] for event in story.events} == {8}
     assert story.outcome == "committed"
@@ -129,7 +129,7 @@ def test_a_history_that_had_ended_for_a_while_names_its_gap(tmp_path: Path) -> N
     put_events(tmp_path, (event for event in made_up_events(12) if event.get("step", 0) not in (5, 6, 7, 9)))
     with pytest.raises(InvalidInput, match="step 6 is not recorded; recorded are steps 1 to 4, 8, 10 to 12") as caught:
         story_of_step(tmp_path, 6)
-    assert "had ended for a while" in caught.value.hint
+    assert "the history was interrupted" in caught.value.hint
 
 
 def test_a_history_without_a_committed_step_says_so(tmp_path: Path) -> None:

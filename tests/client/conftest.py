@@ -54,7 +54,7 @@ def running_server(folder, **settings):
 
 @pytest.fixture
 def server(lasting_server):
-    """A server that the test may kill and start again; it has counted no moves yet."""
+    """A server that the test may kill and restart; its count of moves is 0."""
     (lasting_server.folder / "moves").unlink(missing_ok=True)
     yield lasting_server
     (lasting_server.folder / "hold").unlink(missing_ok=True)
@@ -70,7 +70,7 @@ def server_with(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def keyed_server(tmp_path_factory):
-    """A server with keys that admits alice, and not mallory."""
+    """A server with keys that admits alice, but not mallory."""
     folder = tmp_path_factory.mktemp("keyed")
     make_server_keys(folder / "keys")
 

@@ -1,4 +1,4 @@
-"""The real session host with a model that computes next to nothing and can be held up.
+"""The real session host with a very cheap model that can be stopped.
 
 Environment: ``PLAIN_FOLDER`` is where the model looks for the file ``hold`` (a move waits while it lies there) and
 appends a line to ``moves`` for every move that it computes.
@@ -20,7 +20,7 @@ FOLDER = Path(os.environ["PLAIN_FOLDER"])
 
 
 class WaitingModel(PlainModel):
-    """Every node moves by the mean displacement of the moving nodes, which go to their targets."""
+    """Every node moves by the mean displacement of the moving nodes, which move to their targets."""
 
     farthest = 100.0
     motion_warnings = ("a warning",)

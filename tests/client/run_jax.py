@@ -20,7 +20,7 @@ def objective(motion, at):
 
 
 def gradients_are_those_of_differences(motion):
-    """Of the motion as interpolated, and of the corrected one."""
+    """Derivatives of the interpolated motion, and of the corrected one."""
     for size in (0.1, 0.5):
         check_grads(motion, (jnp.asarray(bulge(size)),), 1, ("fwd", "rev"), atol=1e-5, rtol=1e-5, eps=1e-5)
 
@@ -40,7 +40,7 @@ def compiled_is_the_same(motion):
 
 
 def batches_are_their_members(motion):
-    """Several boundaries; several boundaries' vectors at once."""
+    """Several boundaries, and vectors of several boundaries, at once."""
     many = jnp.stack([jnp.asarray(bulge(size)) for size in (0.1, 0.3, 0.5)])
     gradient = jax.grad(lambda boundary: objective(motion, boundary))
     np.testing.assert_allclose(jax.vmap(gradient)(many), [gradient(each) for each in many], rtol=1e-12)

@@ -1,4 +1,4 @@
-"""The awaited client: the same answers, while the loop goes on, with several sessions at the same time."""
+"""The asynchronous client: the same results while the event loop runs, with several sessions at the same time."""
 
 import asyncio
 import inspect

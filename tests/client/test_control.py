@@ -1,4 +1,4 @@
-"""Where the data endpoints are, seen from here; which requests keep their ids."""
+"""Addresses of the data endpoints for a client, and requests that keep their ids."""
 
 import contextlib
 
@@ -23,7 +23,7 @@ def test_a_wildcard_stands_for_the_host_of_the_control_endpoint(control, given, 
 
 
 class Wire:
-    """In place of a connection: keeps what is sent and gives prepared answers."""
+    """A replacement of a connection: it keeps messages and gives prepared answers."""
 
     def __init__(self, outcomes):
         self.outcomes, self.sent, self.closed, self.made = list(outcomes), [], False, 0
@@ -72,7 +72,7 @@ def test_a_connection_that_kept_silent_is_given_up(monkeypatch):
 
 
 def test_each_request_that_was_not_answered_keeps_its_own_id(monkeypatch):
-    """Two sessions are opened at once over one connection, and neither answer comes."""
+    """Two sessions are opened at once over one connection, and no answer comes."""
     wire = Wire([Timeout("silence"), ConnectionLost("gone"), SessionError("no"), Timeout("silence"), None, None, None])
     monkeypatch.setattr(control, "Connection", wire)
     asking = Control("tcp://127.0.0.1:1")

@@ -1,4 +1,4 @@
-"""What resumes a session is a secret in a file."""
+"""The data for RESUME is a secret in a file."""
 
 import stat
 

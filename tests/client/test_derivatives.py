@@ -1,4 +1,4 @@
-"""Derivatives through the client: shapes, which state is meant, and what an optimiser does with them."""
+"""Derivatives through the client: shapes, the chosen state, and their use by an optimiser."""
 
 import numpy as np
 import pytest
@@ -67,7 +67,7 @@ def test_what_are_no_numbers_is_refused_by_its_name(session, wrong):
 
 
 def test_a_gradient_found_with_it_is_that_of_the_objective(session):
-    """An objective of all nodes' places, and of the boundary: what an adjoint solver hands over."""
+    """An objective of the positions of all nodes and of the boundary, as from an adjoint solver."""
     rest = square().points
     target = rest + 0.05 * np.sin(3.0 * rest[:, ::-1])
 

@@ -1,4 +1,4 @@
-"""What a notebook shows of the client's objects, and that no package for it is loaded before it is needed."""
+"""Display of the client's objects in a notebook; packages for it are loaded only when needed."""
 
 import subprocess
 import sys

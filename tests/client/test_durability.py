@@ -1,4 +1,4 @@
-"""Levels of durability as a user meets them: a real server, its worker killed, and what the client says of it."""
+"""Levels of durability for a user: a real server, a killed worker, and the client's messages."""
 
 import os
 import signal
@@ -43,7 +43,7 @@ def test_every_level_from_open_to_resume(server, mesh, level):
 
 
 def test_steps_that_did_not_survive_are_said_and_can_be_done_again(server_with, mesh, tmp_path, monkeypatch):
-    """Kill the worker behind answers that were quicker than the disk."""
+    """Kill the worker after answers that came before the data was on the disk."""
     points = tmp_path / "points"
     points.mkdir(mode=0o700)
     monkeypatch.setenv(VARIABLE, str(points))

@@ -53,7 +53,7 @@ def test_a_server_that_cannot_start_says_why(tmp_path):
 
 
 def test_the_folder_for_temporary_files_may_have_a_long_path(tmp_path, monkeypatch):
-    """The sockets then lie elsewhere, what is stored does not."""
+    """The sockets are then in another folder, the stored data is not."""
     deep = tmp_path / ("x" * 100)
     deep.mkdir()
     monkeypatch.setattr(tempfile, "tempdir", str(deep))
@@ -67,7 +67,9 @@ def test_the_folder_for_temporary_files_may_have_a_long_path(tmp_path, monkeypat
 
 @pytest.mark.parametrize("closed", ["0<&-", "1>&-", "2>&-", "0<&- 1>&- 2>&-"])
 def test_standard_descriptors_may_be_closed(tmp_path, closed):
-    """As in cron, daemons and ranks of MPI: neither the client nor the server takes their numbers for its pipes."""
+    """Without standard streams, as in cron, daemons and ranks of MPI: client and server do not use their numbers for
+    pipes.
+    """
     program = (
         "import sys; from mesh_motion_client import connect\nwith connect() as s: open(sys.argv[1], 'w').write('ok')"
     )

@@ -1,4 +1,4 @@
-"""Every error code is an exception that says which."""
+"""Every error code gives an exception that has the code."""
 
 import mesh_motion_client
 import mesh_motion_client.errors

@@ -30,7 +30,7 @@ WEDGES = Mesh(
 
 
 class Grid:
-    """As much of ``pyvista.UnstructuredGrid`` as is used, on VTK's grid."""
+    """The used part of ``pyvista.UnstructuredGrid``, on VTK's grid."""
 
     def __init__(self, cells, kinds, points):
         self.vtk, self.points, self.point_data = vtkUnstructuredGrid(), points, {}
@@ -59,7 +59,7 @@ class Grid:
 
 @pytest.fixture
 def pyvista(monkeypatch):
-    """VTK's grid under PyVista's name, which is not installed for the tests."""
+    """VTK's grid under PyVista's name, because PyVista is not installed for the tests."""
     monkeypatch.setitem(sys.modules, "pyvista", types.SimpleNamespace(UnstructuredGrid=Grid))
 
 

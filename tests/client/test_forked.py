@@ -78,7 +78,9 @@ os.kill(os.getpid(), 9)
 
 
 def test_a_private_server_belongs_to_the_parent():
-    """Neither ``close`` nor the end of a child stops it or removes its folders; a child does not keep it alive."""
+    """Neither ``close`` nor the end of a child stops the server or removes its folders; a child does not keep it
+    alive.
+    """
     with subprocess.Popen(
         [sys.executable, "-c", PROGRAM], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     ) as program:

@@ -28,7 +28,7 @@ def test_cell_types_and_roles_are_the_servers():
             r"triangle .*: entry \[0, 1\] is masked",
         ),
         (lambda: Patch("moving", np.ma.masked_equal([0, 1], 0)), r"a patch's nodes .*: entry \[0\] is masked"),
-        (lambda: Mesh(POINTS, {}, global_ids=[1, 2]), "one number a point, got 2 for 3 points"),
+        (lambda: Mesh(POINTS, {}, global_ids=[1, 2]), "one number for each point, got 2 for 3 points"),
     ],
 )
 def test_what_is_wrong_is_named(build, message):
@@ -91,7 +91,7 @@ def test_a_file_is_read_with_its_numbers_and_the_roles_that_are_given(tmp_path):
             {"points": np.zeros((3, 2)), "cells_triangle": [[0, 1, 3]], "global_ids": [1, 2, 3]},
             "part.npz: cells of type triangle must name",
         ),
-        ({"points": np.zeros((3, 2)), "global_ids": [1]}, "part.npz: global_ids must have one number a point"),
+        ({"points": np.zeros((3, 2)), "global_ids": [1]}, "part.npz: global_ids must have one number for each point"),
         ({"points": np.array([{}], dtype=object)}, "part.npz: not readable as an .npz archive of plain arrays"),
     ],
 )

@@ -135,7 +135,7 @@ def test_the_page_is_as_it_says(torch, capsys):
 
 @pytest.mark.nightly
 def test_jax_finds_the_derivatives_right():
-    """In a process of its own: its threads and its switch to double precision stay there."""
+    """In a separate process, because of its threads and its switch to double precision."""
     pytest.importorskip("jax", reason="JAX is not installed")
     checks = Path(__file__).with_name("run_jax.py")
     here = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}

@@ -1,4 +1,4 @@
-"""Whatever breaks on the way: every request executes once, and the result is that of an undisturbed run."""
+"""With any fault: every request executes once, and the result is that of an undisturbed run."""
 
 import os
 import signal

@@ -1,4 +1,4 @@
-"""A session through real sockets: what a driver does, and what it did wrong."""
+"""A session through real sockets: the calls of a driver, and its errors."""
 
 import os
 import signal
@@ -44,7 +44,7 @@ def test_displacements_by_patch(session):
 
 
 def two_patches(mesh):
-    """The moving side as two patches that share a node, which is not at the same place in both."""
+    """The moving side as two patches that share a node and move it to different positions."""
     patches = {name: patch for name, patch in mesh.patches.items() if name != "left"}
     patches |= {"low": Patch("moving", [4, 0]), "high": Patch("moving", [12, 4, 8])}
     return Mesh(mesh.points, mesh.cells, patches)

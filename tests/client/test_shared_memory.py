@@ -1,4 +1,4 @@
-"""Replies in memory that client and worker share: over an ipc endpoint, with the bits of any other way."""
+"""Replies in memory shared by client and worker over an ipc endpoint: the same bits as over any connection."""
 
 from dataclasses import replace
 

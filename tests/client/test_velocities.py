@@ -1,4 +1,4 @@
-"""Velocities and swept volumes through the client, and through its awaited twin."""
+"""Velocities and swept volumes through the client, and through the asynchronous client."""
 
 import asyncio
 

@@ -1,4 +1,4 @@
-"""Our server and our client as the conformance suite meets them: from outside."""
+"""Our server and our client, tested by the conformance suite from outside."""
 
 import os
 import sys

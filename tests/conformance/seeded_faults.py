@@ -1,4 +1,4 @@
-"""Wrong servers: a real one with one thing broken, by name, and the cases that have to see it."""
+"""Wrong servers: a real server with one seeded fault, by name, and the cases that must detect it."""
 
 import itertools
 import time
@@ -33,8 +33,7 @@ from mesh_motion_server.transport.registry import Registry, RequestBook
 class Fault:
     """One thing broken.
 
-    ``seed``: takes pytest's monkeypatch; ``caught``: cases, or beginnings of ids, that have to fail; each at least
-    once.
+    ``seed``: takes pytest's monkeypatch; ``caught``: cases, or beginnings of ids, that must fail, each at least once.
     """
 
     name: str

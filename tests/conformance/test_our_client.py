@@ -1,4 +1,4 @@
-"""Our client meets every demand of SPEC.md that a scripted server can put to it."""
+"""Our client meets every requirement of SPEC.md that a scripted server can test."""
 
 import shlex
 import sys

@@ -1,4 +1,4 @@
-"""Our server meets every demand of SPEC.md that can be put to it."""
+"""Our server meets every testable requirement of SPEC.md."""
 
 import json
 from xml.etree import ElementTree

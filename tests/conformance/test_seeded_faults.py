@@ -1,4 +1,4 @@
-"""The tests of the tests: each wrong server, and each wrong client, is caught by the cases that have to see it."""
+"""Tests of the suite: each wrong server and each wrong client is detected by the cases that must detect it."""
 
 import shlex
 import sys
@@ -36,7 +36,7 @@ def test_a_server_without_fault_fails_no_case(tmp_path):
     failed = []
     for folder in (tmp_path / "once", tmp_path / "again"):  # a machine that stands still fails a case once
         with in_process_server(folder) as server:
-            # a wrong server is caught by silence, soon; a right one may be as slow as the machine
+            # a short time-out detects a wrong, silent server; a correct one may be as slow as the machine
             failed = failing(server.endpoint, failed, seconds=30.0)
     assert sorted(failed) == WITHOUT_JUDGEMENT
 

@@ -1,4 +1,4 @@
-"""The suite itself: made from the document, its cases named by it, its report readable."""
+"""The suite itself: it is made from the document, its cases have the document's names, and its report is readable."""
 
 import ast
 import re

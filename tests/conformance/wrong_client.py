@@ -1,4 +1,4 @@
-"""Our client's driver with one thing broken: ``python wrong_client.py FAULT …``."""
+"""Our client's driver with one seeded fault: ``python wrong_client.py FAULT …``."""
 
 import sys
 from dataclasses import replace

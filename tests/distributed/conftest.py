@@ -1,4 +1,4 @@
-"""Clusters of worker processes on this machine, and the meshes of the numerics' tests."""
+"""Clusters of worker processes on this machine, and the meshes of the tests of numerics."""
 
 import sys
 from collections.abc import Iterator

@@ -1,4 +1,6 @@
-"""The client moves and judges the volume: bitwise what a server with the whole mesh answers, on any number of ranks."""
+"""The client moves and judges the volume: bitwise the results of a server with the whole mesh, on any number of
+ranks.
+"""
 
 import signal
 import threading
@@ -27,7 +29,7 @@ METRICS = ("size-skew", "relative-size-skew")
 
 
 def drive(session, mesh, steps=2, by=1):
-    """Two moves a step; what was answered, and where the nodes are."""
+    """Make two moves in each step; return the answers and the positions of the nodes."""
     found = []
     for step in range(1, steps + 1):
         for share in (0.5, 1.0):
@@ -71,7 +73,9 @@ def test_corrected_nodes_are_those_of_a_session_with_the_whole_mesh(server, mesh
 
 @pytest.mark.parametrize("mesh", ["plane", "many in plane", "many"])
 def test_the_default_motion_is_that_of_a_session_with_the_whole_mesh(server, mesh):
-    """Bitwise on any number of ranks, and to the iterations' tolerance with the whole mesh, which begins elsewhere."""
+    """Bitwise equal on any number of ranks; equal to the whole mesh within the tolerance of the iterations, which start
+    from other values.
+    """
     everything = whole(*MESHES[mesh])
 
     def drive(session, part):
@@ -241,12 +245,12 @@ def test_a_boundary_that_takes_the_volume_is_refused_at_build(server, change, sa
 
 
 def test_two_nodes_at_the_same_place_are_refused(server):
-    """Two squares that are joined by nothing."""
+    """Two separate squares."""
     square = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
     points = np.concatenate([square, square + np.array([1.0, 0.0])])
     patches = {"left": Patch("moving", [0, 1, 2, 3]), "right": Patch("fixed", [4, 5, 6, 7])}
     mesh = Mesh(points, {"quad": [[0, 1, 2, 3], [4, 5, 6, 7]]}, patches)
-    with connect(server.endpoint) as client, pytest.raises(InvalidInput, match="is at the place of that with 1"):
+    with connect(server.endpoint) as client, pytest.raises(InvalidInput, match="has the same position as that with 1"):
         client.open(mesh, SETTINGS, evaluation="client")
 
 
@@ -356,7 +360,7 @@ def test_what_draws_or_repeats_a_session_says_that_its_cells_are_elsewhere(tmp_p
         drive(session, mesh, 1)
     folder = tmp_path / "sessions" / session.credentials.session
     for look in (read_pair, read_recorded):
-        with pytest.raises(InvalidInput, match="its cells are with the client"):
+        with pytest.raises(InvalidInput, match="the client has its cells"):
             look(folder)
     assert inspect_session(folder).state == "whole"
 
@@ -408,7 +412,7 @@ def velocities(session, part):
     ],
 )
 def test_derivatives_are_those_of_a_session_with_the_whole_mesh(server, mesh, settings):
-    """At a trial and at the committed state, where a correction is active."""
+    """At a trial and at the committed state, with an active correction."""
     everything, step = whole(*MESHES[mesh]), 12
     holders = np.ones(len(everything.points))
 
@@ -427,7 +431,7 @@ def test_derivatives_are_those_of_a_session_with_the_whole_mesh(server, mesh, se
 
     with connect(server.endpoint) as client, client.open(everything, settings) as session:
         velocity, _, _, weights, v, w, _, moving = drive(session, everything)
-    # where each begins its iterations, the minimum is found to 1e-9
+    # the iterations start from different values, and the minimum is found to 1e-9
     close = {"rtol": 0.0, "atol": (1e-10 if settings else 1e-7) * np.abs(velocity).max()}
     for parts in ([everything], pieces(*MESHES[mesh], 3)):
         if len(parts) > 1:
@@ -464,7 +468,7 @@ def test_derivatives_of_the_field_are_those_of_differences(server):
 
 
 def test_after_a_crash_and_a_resume_the_derivative_of_the_committed_state_is_there(tmp_path):
-    """The server has lost the region that was corrected: it is sent once more."""
+    """The server has lost the corrected region: the client sends it again."""
     mesh = whole("quad", 20)
     with ServerProcess(tmp_path) as server, connect(server.endpoint) as client:
         session = client.open(mesh, evaluation="client")

@@ -1,4 +1,6 @@
-"""Dask workers as ranks: bitwise one process, whichever of them dies, and one clear error where nothing helps."""
+"""Dask workers as ranks: bitwise equal to one process after the death of any worker, and one clear error if no retry
+helps.
+"""
 
 import importlib
 import os
@@ -40,7 +42,7 @@ PLAIN_STEPS = (2, 3)
 
 @pytest.fixture(scope="module")
 def expected(server):
-    """Of each mesh and settings, what a session with the whole mesh answers: moved and points, step by step."""
+    """For each mesh and settings, the answers of a session with the whole mesh: moved and points, step by step."""
     known = {}
 
     def find(mesh, settings):
@@ -59,7 +61,7 @@ def expected(server):
 
 
 def motion(step):
-    """Workers do not have the tests' modules: a function that is pickled with what it does."""
+    """Workers do not have the tests' modules, so the function is pickled with its code."""
     return lambda points: 0.01 * step * np.sin(3.0 * points[:, ::-1] + step)
 
 
@@ -127,7 +129,7 @@ def test_nodes_slide_and_move_as_their_images(cluster, server, tmp_path):
 
 
 def dying(target, method, count):
-    """What makes a worker die of SIGKILL when it calls a method for the ``count``-th time."""
+    """A patch that kills a worker with SIGKILL when it calls a method for the ``count``-th time."""
 
     def install():
         module, name = target.split(":")
@@ -190,7 +192,9 @@ def test_a_worker_killed_within_a_step_changes_nothing(fragile_cluster, server, 
 
 
 def test_a_commit_that_is_carried_out_while_a_rank_joins_is_known_to_it(fragile_cluster, server, tmp_path):
-    """A rank dies that has sent its COMMIT; the other sends its own when the new rank has joined, at the old step."""
+    """A rank dies after it has sent its COMMIT; the other rank sends its COMMIT after the new rank has joined at the
+    old step.
+    """
 
     def dying_soon():
         unharmed = Session.commit

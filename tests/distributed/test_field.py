@@ -1,4 +1,4 @@
-"""The part of a field that a box needs gives the same values there, bit for bit, and is as small as it can be."""
+"""The part of a field for a box gives the same values there, bit for bit, and is as small as possible."""
 
 import numpy as np
 import pytest
@@ -31,7 +31,7 @@ def two_scales(d: int) -> AnyInterpolant:
 
 
 def travelled(interpolant: AnyInterpolant, box: np.ndarray) -> AnyInterpolant:
-    """The interpolant that is made again from what travels."""
+    """The interpolant rebuilt from the transferred data."""
     field = Field.of(interpolant)
     return field.part(box).of(field.coefficients).interpolant()
 

@@ -1,4 +1,4 @@
-"""What ranks send of their cells is added up exactly; what does not fit together is refused."""
+"""Reports of ranks about their cells are added exactly; inconsistent reports are refused."""
 
 from dataclasses import asdict
 from typing import Any
@@ -24,7 +24,7 @@ RANKS = (4000, 1, 700)
 
 
 def quality(count: int, seed: int) -> CellQuality:
-    """Of some cells; many of them are alike, as at rest."""
+    """Values of some cells; many of them are equal, as at rest."""
     random = np.random.default_rng(seed)
     size, skew = np.minimum(random.uniform(0.2, 1.3, count), 1.0), random.uniform(0.4, 1.0, count)
     return CellQuality(size, skew, size < 0.21)

@@ -1,4 +1,4 @@
-"""Layers move with their wall where the client has the volume: as with the whole mesh, on any ranks."""
+"""Layers move with their wall if the client has the volume: equal to the whole mesh, on any ranks."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from own_ranks import SETTINGS, assert_kept_after_kill_9, assert_same_derivative
 
 
 def in_two_steps(session, part):
-    """What two steps answer, and where the nodes are after each."""
+    """The answers of two steps, and the positions of the nodes after each."""
     found = []
     for degrees in (1.0, 25.0):
         moved = session.move(pitched(part.points[session.moving_nodes], degrees))
@@ -21,7 +21,7 @@ def in_two_steps(session, part):
 
 @pytest.mark.parametrize("kind", ["quads", "triangles", pytest.param("wing", marks=pytest.mark.nightly)])
 def test_layers_are_carried_as_in_a_session_with_the_whole_mesh(server, kind):
-    """Bitwise on any number of ranks, and to rounding or the iterations' tolerance with the whole mesh."""
+    """Bitwise equal on any number of ranks; equal to the whole mesh within rounding or the iterations' tolerance."""
     whole = grid(kind)
     with connect(server.endpoint) as client, client.open(whole) as session:
         expected = in_two_steps(session, whole)
@@ -72,7 +72,7 @@ def test_cells_near_the_wall_travel_once_and_no_others(server, monkeypatch):
 
 
 def test_without_cells_near_the_wall_no_layer_is_carried(server, monkeypatch):
-    """As from a client that sends none: what the bounds above would refuse."""
+    """Like a client that sends no near cells: the bounds above would refuse them."""
     whole = grid("quads")
 
     def drive(session, part):
@@ -87,7 +87,7 @@ def test_without_cells_near_the_wall_no_layer_is_carried(server, monkeypatch):
 
 
 def test_a_rank_that_sends_no_cells_near_walls_is_named(server, monkeypatch):
-    """As the client in C: no layer is carried for any rank, and all are warned."""
+    """Like the client in C: no layer is carried on any rank, and all ranks get a warning."""
 
     def without_reach(*, reach, partition, **rest):
         return Build(reach=None if partition == 1 else reach, partition=partition, **rest)

@@ -8,7 +8,7 @@ from mesh_motion_numerics.distributed.order_statistics import BINS, WHOLE, Way, 
 
 
 def found(parts: list[np.ndarray], rank: int) -> tuple[float, int]:
-    """The value of a rank, and how many rounds it took."""
+    """The value of a rank, and the number of rounds for it."""
     way: Way = WHOLE
     for rounds in range(1, 20):
         step = narrowed(way, rank, [content(part, way) for part in parts])

@@ -1,4 +1,6 @@
-"""A body of a solver's own ranks that turns: as with the whole mesh up to a quarter turn, never beyond half a turn."""
+"""A body that turns on a solver's own ranks: equal to the whole mesh up to a quarter turn, and never beyond half a
+turn.
+"""
 
 import numpy as np
 import pytest
@@ -15,7 +17,7 @@ def mesh_with_a_body(found):
 
 
 def goes(session, mesh, *angles):
-    """Turn the body about its centre and z to one angle after the other; the points after them."""
+    """Turn the body about the z axis through its centre, to one angle after the other; return the final points."""
     rest = mesh.points[session.moving_nodes]
     about = np.mean(mesh.points[mesh.patches["body"].nodes], axis=0)
     for degrees in angles:

@@ -1,4 +1,4 @@
-"""Nodes slide and move as their images where the client has the volume: as with the whole mesh, on any ranks."""
+"""Nodes slide, and move like their images, if the client has the volume: equal to the whole mesh, on any ranks."""
 
 import numpy as np
 import pytest
@@ -33,7 +33,7 @@ SMALL, LARGE = (0.01, 0.006, 0.004), (0.1, 0.2, 0.1)
 
 
 def in_two_steps(session, part):
-    """What two steps answer, and where the nodes are after each."""
+    """The answers of two steps, and the positions of the nodes after each."""
     found = []
     for shift in (SMALL, LARGE):
         rows = np.tile(shift[: part.points.shape[1]], (len(session.moving_nodes), 1))
@@ -45,7 +45,7 @@ def in_two_steps(session, part):
 
 @pytest.mark.parametrize("mesh", MESHES)
 def test_nodes_slide_as_in_a_session_with_the_whole_mesh(server, mesh):
-    """Bitwise on any number of ranks, and to rounding or the iterations' tolerance with the whole mesh."""
+    """Bitwise equal on any number of ranks; equal to the whole mesh within rounding or the iterations' tolerance."""
     whole = as_client(*MESHES[mesh]())
     with connect(server.endpoint) as client, client.open(whole) as session:
         expected = in_two_steps(session, whole)
@@ -80,7 +80,7 @@ def cut_elsewhere(mesh, at):
 
 @pytest.mark.parametrize("ranks", [1, 2, 3])
 def test_a_correction_reaches_beyond_a_periodic_side(server, ranks):
-    """The cells that resist are near one side only: those about the images of its nodes are asked for."""
+    """The resisting cells are near one side only: the cells around the images of its nodes are requested."""
     whole = as_client(*cut_elsewhere(periodic_box("quad", 40), 0.3))
 
     def drive(session, part):
@@ -161,7 +161,7 @@ def test_a_correction_that_judges_how_nodes_slide_is_refused(server, mesh, corre
 
 
 def test_the_facets_of_the_boundary_have_to_come(server, monkeypatch):
-    """As from a client that does not send them; without such roles none are needed."""
+    """Like a client that does not send near cells; without such roles none are needed."""
     monkeypatch.setattr(Rank, "facets", property(lambda self: {}))
     with connect(server.endpoint) as client:
         with pytest.raises(InvalidInput, match="role 'slip', expected moving or fixed: partition 0 sent no facets"):

@@ -1,4 +1,4 @@
-"""What the adapters' pages show of a program or a file compiles, or is read, as it stands.
+"""Program and file fragments on the adapters' pages compile, or can be read, unchanged.
 
 The fragments of adapters/c/README.md and adapters/precice/README.md.
 """
@@ -54,7 +54,7 @@ def fragments() -> list[tuple[str, str]]:
 
 
 def program(language: str, fragment: str) -> str:
-    """A fragment with what has to be around it."""
+    """A fragment with the code that it needs before and after it."""
     if language == "fortran":
         lines = fragment.splitlines()
         first = next(i for i, line in enumerate(lines) if not line.startswith(("use", "type")))
@@ -65,7 +65,7 @@ def program(language: str, fragment: str) -> str:
 
 
 def compiled(language: str, text: str, folder: Path) -> subprocess.CompletedProcess[str]:
-    """What the compiler says of its syntax and its types."""
+    """The compiler's messages about syntax and types."""
     compiler = COMPILERS[language]
     need(compiler[0])
     if language == "fortran":

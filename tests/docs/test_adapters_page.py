@@ -1,4 +1,4 @@
-"""adapters/README.md: its adapter runs as it stands, its matrix names every adapter, its links lead somewhere."""
+"""adapters/README.md: its adapter runs unchanged, its matrix names every adapter, its links exist."""
 
 import re
 from pathlib import Path
@@ -29,7 +29,7 @@ def test_the_matrix_names_every_adapter() -> None:
 
 
 def test_what_make_adapters_runs_exists() -> None:
-    """Each entry's tests, so that a folder that moved is not passed over."""
+    """Each entry's tests, so that a moved folder is noticed."""
     check = loaded(ROOT / "adapters" / "check.py")
     for name, (_, tests, _) in check.ADAPTERS.items():
         assert all((ROOT / path).exists() for path in tests), name

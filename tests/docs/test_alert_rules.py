@@ -1,5 +1,5 @@
-"""The alert rules of docs/operations.md, put to Prometheus' own tests: when each one speaks, and when not; and
-that the board for Grafana asks for metrics that there are, in expressions that Prometheus can read.
+"""The alert rules of docs/operations.md in Prometheus' own tests: when each rule fires, and when it does not; and the
+board for Grafana uses existing metrics, in expressions that Prometheus can read.
 """
 
 import json
@@ -35,7 +35,7 @@ def series(name: str, values: str, **labels: str) -> dict[str, str]:
 
 
 def minutes(count: float, value: float, slope: float = 0.0) -> str:
-    """So long this value, or this and what is added at each scrape."""
+    """This value for this time, or this value plus an increment at each scrape."""
     return f"{value:g}{slope:+g}x{round(count * PER_MINUTE) - 1}"
 
 
@@ -54,7 +54,7 @@ def histogram(name: str, observed: float) -> list[dict[str, str]]:
 
 
 def at_most_14(values: str) -> list[dict[str, str]]:
-    """The bucket of the moves that said: in 14 steps or fewer a mesh ends."""
+    """The bucket of moves with a headroom of 14 steps or fewer."""
     return [series(PREFIX + "move_headroom_steps_bucket", values, le="14.0")]
 
 
@@ -77,7 +77,7 @@ CASES: list[tuple[str, list[dict[str, str]], list[float], list[float], dict[str,
     ("DiskFillsUp", [series(DISK, minutes(60, 40e9, -20e6))], [50], [20], {}),  # full in 8 hours
     ("DiskFillsUp", [series(DISK, minutes(60, 400e9, -10e6))], [], [20, 50], {}),  # in a week
     ("DiskHangs", [series(PREFIX + "disk_silence_seconds", steps((5, 0), (1, 20), (4, 60)))], [7], [5.5], {}),
-    # one fall; a server that was started again after three
+    # one failure; a server that was restarted after three
     ("GatewayFalls", [series(FALLS, steps((20, 0), (20, 1)))], [20.25, 25, 29], [10, 19, 35], {}),
     ("GatewayFalls", [series(FALLS, steps((20, 3), (20, 0)))], [], [10, 21, 25], {}),
     ("Defect", [series(REFUSED, steps((20, 0), (20, 1)), code="INTERNAL")], [21], [10, 35], {"code": "INTERNAL"}),
@@ -126,12 +126,12 @@ def verdict(folder: Path, text: str) -> subprocess.CompletedProcess[str]:
 
 
 def board_expressions(text: str) -> list[str]:
-    """What the board's panels ask Prometheus for."""
+    """Queries of the board's panels."""
     return [target["expr"] for panel in json.loads(text)["panels"] for target in panel["targets"]]
 
 
 def unknown_series(expressions: list[str]) -> set[str]:
-    """The names of series in the expressions that the server does not show."""
+    """Names of series in the expressions that the server does not have."""
     ends = {"counter": ["_total"], "gauge": [""], "histogram": ["_bucket", "_sum", "_count"]}
     known = {PREFIX + name + end for name, metric in METRICS.items() for end in ends[metric.kind]}
     return {name for text in expressions for name in re.findall(rf"{PREFIX}\w+", text)} - known
@@ -143,7 +143,7 @@ def test_the_board_asks_for_metrics_that_there_are() -> None:
 
 
 def test_prometheus_reads_what_the_board_asks(tmp_path: Path) -> None:
-    """As rules, which promtool checks; the interval is what Grafana puts in."""
+    """Check the expressions as rules with promtool; Grafana fills in the interval."""
     promtool = shutil.which("promtool")
     if promtool is None:
         pytest.skip("promtool (Debian: prometheus) is not installed")

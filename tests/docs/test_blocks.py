@@ -1,4 +1,4 @@
-"""Every code block of the documentation is run: here, by a test of its own, or the page says why not."""
+"""Every code block of the documentation is run: here, by a separate test, or the page gives a reason."""
 
 import re
 import sys
@@ -76,7 +76,7 @@ _RUNS = re.compile(r"mesh-motion (?P<subcommand>[a-z]+)|python (?P<script>\S+)|(
 
 
 def ran(block: Block) -> set[str]:
-    """What a block of a shell runs, as a test that runs it has it in its text."""
+    """The commands of a shell block, in the form in which a test's text contains them."""
     found = set()
     for line in re.split(r"&&|\n", block.text):
         if not _PREPARES.match(line.strip()) and (match := _RUNS.match(line.strip())):
@@ -85,7 +85,7 @@ def ran(block: Block) -> set[str]:
 
 
 def knows(test: str, page: str, block: Block) -> bool:
-    """Whether a test names the page whose block it is said to run, or all that the block runs."""
+    """Whether a test names the page of the block, or contains all commands of the block."""
     commands = ran(block) if block.language in ("sh", "bash") else set()
     return page in test or (bool(commands) and all(command in test for command in commands))
 

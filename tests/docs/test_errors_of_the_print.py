@@ -1,6 +1,6 @@
-"""What docs/thesis.md says of the thesis' print, computed: the printed form fails where the right one holds.
+"""Misprints of the thesis listed in docs/thesis.md, computed: the printed form fails where the correct one holds.
 
-Only what no other test shows; the page names a test or a study for each of its rows.
+It covers only rows that no other test shows; the page names a test or a study for each of its rows.
 """
 
 import numpy as np
@@ -30,7 +30,7 @@ def test_ctps_c1_vanishes_at_its_radius_with_80_thirds_only() -> None:
 
 
 def test_a_displacement_of_2_6_has_no_row_of_zeros() -> None:
-    """[φ_in,b P_in] times the coefficients has a row a node; the print has d + 1 rows more than d_in."""
+    """[φ_in,b P_in] times the coefficients has one row per node; the print has d + 1 rows more than d_in."""
     points = np.random.default_rng(1).uniform(size=(12, 2))
     displacement = np.stack([points[:, 0] ** 2, points[:, 1]], axis=1)
     found = WithPolynomial(factorize(points, support_radius=0.8)).solve(displacement)
@@ -44,7 +44,7 @@ def test_a_displacement_of_2_6_has_no_row_of_zeros() -> None:
 
 
 def test_a_one_point_correction_takes_away_the_error_at_boundary_nodes() -> None:
-    """f_max of (2.8) is an error and f of (2.10) a displacement: what is added to one is taken off the other."""
+    """f_max of (2.8) is an error and f of (2.10) a displacement: they have opposite signs."""
     points = np.array([[0.0, 0, 0], [0.3, 0, 0], [0.9, 0, 0]])
     error = np.array([[0.1], [0.5], [0.2]])
     corrections = _Corrections(ReductionProblem(points, error))
@@ -94,7 +94,7 @@ def test_equal_off_diagonals_stretch_and_opposite_ones_turn() -> None:
 
 
 def test_h2_and_h3_end_at_their_radius() -> None:
-    """(4.6) as printed goes on beyond R_l, with the wrong sign; (4.7) as printed is even, so that its slope is zero."""
+    """(4.6) as printed continues beyond R_l, with the wrong sign; (4.7) as printed is even, so its slope is zero."""
     x, radius = np.array([[-0.3], [0.3], [1.2]]), 1.0
     r = np.abs(x[:, 0])
     assert (-20 * x[:, 0] * (radius - r) ** 3 / radius**5)[2] > 0.0

@@ -1,4 +1,4 @@
-"""docs/gallery.md: its films are those that the script draws, small enough to be loaded with the page."""
+"""docs/gallery.md: its films are those of the script, and small enough to load with the page."""
 
 import re
 from pathlib import Path

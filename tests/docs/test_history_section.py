@@ -1,4 +1,4 @@
-"""What docs/operations.md shows of histories and replays is run on a session with such a folder."""
+"""Commands of docs/operations.md about histories and replays run on a session with such a folder."""
 
 import fcntl
 import json

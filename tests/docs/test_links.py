@@ -1,4 +1,4 @@
-"""Every link of a page to a file of the checkout, and to a heading in it, leads there."""
+"""Every link of a page to a file of the checkout, and to a heading in it, has its target."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Each option that a page names for a command of ``mesh-motion`` is one of that command."""
+"""Each option that a page names for a command of ``mesh-motion`` exists."""
 
 import re
 from pathlib import Path
@@ -20,7 +20,7 @@ def options(name: str) -> set[str]:
 
 
 def unknown(text: str) -> list[str]:
-    """The options of each ``mesh-motion COMMAND …`` in a text that the command does not have."""
+    """The options of each ``mesh-motion COMMAND …`` in a text that do not exist."""
     found = []
     for line in re.findall(r"mesh-motion ((?:[^\n`|;&#]|\\\n)+)", text):
         words = line.split()

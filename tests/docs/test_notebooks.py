@@ -1,4 +1,4 @@
-"""The notebooks of docs/tutorials: each runs from its first cell to its last, and the site shows what they put out."""
+"""The notebooks of docs/tutorials: each runs from its first cell to its last, and the site shows their output."""
 
 import json
 import shutil

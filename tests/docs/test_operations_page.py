@@ -1,4 +1,4 @@
-"""What docs/operations.md shows is run, or checked against what it is about."""
+"""Commands of docs/operations.md are run, and its facts are compared with the code."""
 
 import json
 import re
@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from shown_commands import blocks, run
 
-from mesh_motion_server.commands.cli import ExitStatus
+from mesh_motion_server.commands.outcome import ExitStatus
 from mesh_motion_server.operation.metrics import METRICS, PREFIX
 from mesh_motion_server.settings import ServerSettings
 from mesh_motion_server.transport import telemetry

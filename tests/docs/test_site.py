@@ -1,4 +1,6 @@
-"""What the documentation's site adds to the pages: navigation, parts written from the code, a check of every link."""
+"""Additions of the documentation's site to the pages: navigation, parts generated from the code, a check of every
+link.
+"""
 
 import re
 from pathlib import Path
@@ -11,8 +13,8 @@ from mesh_motion_protocol.errors import ERROR_CODES
 from docs.site.index import INDEX, PAGES, toctrees
 from docs.site.links import faults
 from docs.site.reference import PARTS, filled, without_parts
-from mesh_motion_server.commands import cli
-from mesh_motion_server.commands.cli import ExitStatus
+from mesh_motion_server.commands import outcome
+from mesh_motion_server.commands.outcome import ExitStatus
 from mesh_motion_server.settings import ServerSettings
 
 ROOT = Path(__file__).parents[2]
@@ -51,7 +53,8 @@ def test_every_code_and_status_is_in_the_reference() -> None:
     for code in ERROR_CODES:
         assert f"| `{code}` |" in codes
     assert "| `QualityRefused` |" in codes
-    said = (cli.__doc__ or "").split("======\n")[2].splitlines()[:-1]  # a row is one line: the reference takes it so
+    # a row is one line, because the reference takes it so
+    said = (outcome.__doc__ or "").split("======\n")[2].splitlines()[:-1]
     assert [line.split()[0] for line in said] == [str(status.value) for status in ExitStatus]
     assert len(statuses.splitlines()) == 2 + len(ExitStatus)
 

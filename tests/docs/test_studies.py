@@ -1,4 +1,4 @@
-"""Every study runs and shows what its page says of it; every page shows every study."""
+"""Every study runs and confirms its page; every page shows every study."""
 
 import re
 from importlib import import_module

@@ -1,6 +1,6 @@
-"""docs/thesis.md is true of the repository: names resolve, no equation and no study is missing.
+"""docs/thesis.md agrees with the repository: names resolve, no equation and no study is missing.
 
-Each check returns what is wrong with a text, so that it can be held against a text with a seeded error too.
+Each check returns the faults of a text, so that it can also be tested on a text with a seeded error.
 """
 
 import re
@@ -30,7 +30,7 @@ _DOTTED = re.compile(r"`((?:numerics|docs|mesh_motion_server|mesh_motion_numeric
 def resolved(dotted: str) -> tuple[ModuleType, Any]:
     """The module and the object of a dotted name; "numerics" is short for its package.
 
-    Raises AttributeError if a module has no such thing.
+    Raises AttributeError if the module has no such object.
     """
     parts = (f"mesh_motion_{dotted}" if dotted.startswith("numerics.") else dotted).split(".")
     module, rest = import_module(parts[0]), parts[1:]
@@ -47,7 +47,7 @@ def resolved(dotted: str) -> tuple[ModuleType, Any]:
 
 
 def file_of(dotted: str) -> Path:
-    """Where in this repository a dotted name stands, wherever the package was imported from."""
+    """File of a dotted name in this repository, for any place of the imported package."""
     parts = resolved(dotted)[0].__name__.split(".")
     place = (ROOT / "numerics" if parts[0] == "mesh_motion_numerics" else ROOT).joinpath(*parts)
     return place / "__init__.py" if place.is_dir() else place.with_suffix(".py")
@@ -83,7 +83,7 @@ def unresolved_names(text: str) -> list[str]:
 
 
 def misplaced_names(text: str) -> list[str]:
-    """Names whose link leads to another file than the one they stand in."""
+    """Names with a link to another file than their own."""
     linked = [(m["label"].strip("`"), m["target"]) for m in _LINK.finditer(text) if _DOTTED.fullmatch(m["label"])]
     return [name for name, target in linked if (DOCS / target).resolve() != file_of(name)]
 
@@ -100,14 +100,14 @@ def unknown_tests(text: str) -> list[str]:
 
 
 def missing_equations(text: str) -> list[str]:
-    """Equations that are not in the index once, with a function and a study."""
+    """Equations that are not in the index exactly once, with a function and a study."""
     index = section(text, "Where each equation is")
     listed = [row[0].strip("()") for row in rows(index) if len(row) == 4 and "`" in row[2] and "](" in row[3]]
     return [number for number in EQUATIONS if listed.count(number) != 1]
 
 
 def unnumbered_docstrings(text: str) -> list[str]:
-    """Equations whose number, as "(3.9)" or in a range of such, is in no file of their functions."""
+    """Equations whose number, as "(3.9)" or in a range like that, is in no file of their functions."""
     wrong = []
     for number, _, functions, *_ in rows(section(text, "Where each equation is")):
         if not re.fullmatch(r"\(\d\.\d+\)", number):
@@ -121,7 +121,7 @@ def unnumbered_docstrings(text: str) -> list[str]:
 
 
 def missing_figures(text: str) -> list[str]:
-    """Figures, tables and algorithms that the index says nothing of."""
+    """Figures, tables and algorithms that are missing in the index."""
     index = section(text, "Where each equation is")
     words = " ".join(row[0] for row in rows(index)) + index.rstrip().splitlines()[-1]
     listed = {
@@ -136,7 +136,9 @@ def missing_figures(text: str) -> list[str]:
 
 
 def missing_studies(text: str) -> list[str]:
-    """Studies of the thesis that have no block, or to which no row leads, by their name or the heading above them."""
+    """Studies of the thesis without a block, or without a row that links to them by their name or the heading above
+    them.
+    """
     listed = section(text, "The eight rows") + section(text, "Where each equation is")
     ways = {name: (f"[{name}](", f"](#{heading_of(name, text)})") for name in names("thesis")}
     return [
@@ -145,7 +147,7 @@ def missing_studies(text: str) -> list[str]:
 
 
 def misplaced_studies(text: str) -> list[str]:
-    """Studies whose link leads neither to their module nor to their heading."""
+    """Studies with a link that leads neither to their module nor to their heading."""
     linked = [(m["label"], m["target"]) for m in _LINK.finditer(text)]
     known = [(name, page) for page in PAGES for name in names(page)]
     return [
@@ -162,7 +164,7 @@ def heading_of(study: str, text: str) -> str:
 
 
 def incomplete_rows(text: str) -> list[str]:
-    """Of the eight rows and the errors: without a function, a study or a test."""
+    """Entries of the eight rows and the errors without a function, a study or a test."""
     eight = list(rows(section(text, "The eight rows")))[1:]
     wrong = [row[0] for row in eight if len(row) != 5 or not ("`" in row[2] and "](" in row[3] and "test_" in row[4])]
     wrong += [] if [row[0] for row in eight] == list("12345678") else ["the rows' numbers"]

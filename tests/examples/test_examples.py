@@ -1,4 +1,4 @@
-"""Every example is played over the wire: fewer steps where the motion is a table, the same path as a user's."""
+"""Every example is played over the wire, like by a user, with fewer steps if the motion is a table."""
 
 import json
 import shutil
@@ -74,7 +74,7 @@ def test_the_example_is_small_described_and_without_odd_parts(name: str) -> None
 
 
 def test_the_piston_compresses_its_bore_evenly(playing) -> None:
-    """The motion that a bore has by symmetry: x goes to 1.1 + 0.45 x, and nothing leaves its line."""
+    """The motion of a bore by symmetry: x goes to 1.1 + 0.45 x, and no node leaves its line."""
     played = playing("sliding_piston", 11)
     before, after = played.mesh.points, played.points
     liner = played.mesh.patches["liner"]
@@ -97,7 +97,7 @@ def test_the_sides_of_the_cascade_stay_a_pitch_apart(playing) -> None:
 
 
 def test_the_flag_keeps_its_length_and_comes_back() -> None:
-    """The table's beam: no stretch along the centre line, the tip at ± 80 mm, at rest after each half period."""
+    """The beam of the table: no stretch along the centre line, the tip at ± 80 mm, at rest after each half period."""
     script = loaded(EXAMPLES / "turek_hron_flag" / "build_motion.py")
     arc = np.linspace(0.0, script.LENGTH, 400)
     line = np.stack([script.ROOT + arc, np.full_like(arc, script.CENTRE_LINE)], axis=1)
@@ -133,7 +133,9 @@ def test_the_translations_of_the_thesis_share_one_mesh_and_what_builds_it() -> N
 
 @pytest.mark.parametrize("name", CASES)
 def test_the_script_builds_the_mesh(name: str, tmp_path: Path) -> None:
-    """To the bit where numpy builds it; with Gmsh, whose versions differ, the same patches and nearly as many cells."""
+    """Equal to the bit if numpy builds the mesh; with Gmsh, whose versions differ, the same patches and nearly as many
+    cells.
+    """
     source = EXAMPLES / name / "build_mesh.py"
     if uses_gmsh := "import gmsh" in source.read_text(encoding="utf-8"):
         pytest.importorskip("gmsh", exc_type=OSError)

@@ -1,11 +1,11 @@
-"""What shows that the server keeps its promises: ``python -m tests.faults``.
+"""Checks that the server keeps its promises: ``python -m tests.faults``.
 
-:mod:`~tests.faults.check` says what a check is, :mod:`~tests.faults.table` lists them all,
-pytest runs them (test_rows.py; :mod:`~tests.faults.proof` prints and writes what came of it). Each check has a module
-of its own; the other tests call the same code with small counts, and seed bugs that it must find
-(seeded/sitecustomize.py has those of a server in processes of its own).
+:mod:`~tests.faults.check` defines a check, :mod:`~tests.faults.table` lists all checks, and pytest runs them
+(test_rows.py; :mod:`~tests.faults.proof` prints and writes the results). Each check has its own module; the other tests
+run the same code with small counts, and with seeded bugs that it must find (seeded/sitecustomize.py has those of a
+server in separate processes).
 
-A check that is not named here is one module. What the others consist of, and what they share::
+A check that is not named here consists of one module. Parts of the other checks, and modules that they share::
 
     session state        state_machine.py plays actions.py and accidents.py: ranks.py asks, played.py compares with
                          session_model.py (session_table.py; reply_book.py, expected.py)

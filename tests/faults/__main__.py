@@ -1,4 +1,4 @@
-"""``python -m tests.faults``: the rows by pytest, a line each; all of pytest's options hold too."""
+"""``python -m tests.faults``: run the rows with pytest, one line for each row; all options of pytest are allowed."""
 
 import signal
 import sys
@@ -11,7 +11,7 @@ _OPTIONS = ("-m", "faults", "-q", "-s", "--no-header", "--no-summary", "-p", "no
 
 
 def main(*arguments: str) -> int:
-    """Status 1 if a row fails; SIGTERM is an interrupt like Ctrl-C: servers and clients of a row end with it."""
+    """The status is 1 if a row fails; SIGTERM is an interrupt like Ctrl-C: servers and clients of a row end with it."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     return int(pytest.main([*_OPTIONS, *arguments, str(Path(__file__).with_name("test_rows.py"))]))
 

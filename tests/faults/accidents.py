@@ -1,4 +1,6 @@
-"""Accidents at a chosen file operation of a server in process, and questions asked while a commit is written."""
+"""Accidents at a chosen file operation of a server in this process, and requests that come while a commit is
+written.
+"""
 
 import errno
 import threading
@@ -39,7 +41,9 @@ ACCIDENTS: dict[str, Callable[[], None]] = {"disk": _fail, "crash": _stop, "powe
 
 @dataclass
 class Accident:
-    """What happens at the file operation number ``at`` and, unless ``once``, at all later ones; whether it has."""
+    """An accident at file operation number ``at`` and, unless ``once``, at all later ones; it records whether it
+    happened.
+    """
 
     happen: Callable[[], None]
     at: int
@@ -54,7 +58,7 @@ class Accident:
             self.happen()
 
     def over(self, files: ModelFiles, do: Callable[[], Any]) -> Any:
-        """What ``do`` returns, with the accident to come; afterwards all is as before."""
+        """Return the result of ``do`` with the planned accident; afterwards the disk works again."""
         before, files.before = files.before, self
         try:
             return do()
@@ -63,7 +67,7 @@ class Accident:
 
 
 class Stall:
-    """A disk that takes its time: every thread but this one waits at it until it goes on, or the process is killed."""
+    """A slow disk: every other thread waits at it until this thread continues, or the process is killed."""
 
     def __init__(self) -> None:
         self._here = threading.current_thread()
@@ -77,16 +81,16 @@ class Stall:
                 raise PowerLoss
 
     def end(self, *, killed: bool) -> None:
-        """Each waiting request goes on, or is dropped."""
+        """Each waiting request continues, or is dropped."""
         self._killed = killed
         self._over.set()
 
 
 def ask_inside(host: Any, model: SessionModel, ranks: Ranks, commit: Asked, number: int) -> None:
-    """Ask something while a commit is written: nothing but STATUS and the end of the lease is admitted.
+    """Send a request while a commit is written: only STATUS and the end of the lease are admitted.
 
-    A server answers one request after the other, so over a network no client sees COMMITTING; its row of the table is
-    asked from inside the commit.
+    A server answers one request after the other, so no client sees COMMITTING over a network; requests for this row of
+    the table come from inside the commit.
     """
     state, model.state = model.state, "COMMITTING"
     before, operation = standing_of(host), OPERATIONS[number % len(OPERATIONS)]
@@ -112,7 +116,7 @@ def _request_inside(host: Any, model: SessionModel, asked: Any) -> None:
 
 
 def refused_resume(host: Any, model: SessionModel) -> None:
-    """RESUME as a worker gets it in a state that refuses it; control would have another worker take its place."""
+    """Send RESUME to a worker in a state that refuses it; control would replace this worker."""
     try:
         host.reclaim(model.token)
     except MeshMotionError as error:

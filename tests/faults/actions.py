@@ -1,7 +1,7 @@
-"""What a driver, its rivals, time and accidents do to a session, as words that can be written down and done again.
+"""Actions of a driver, its rivals, time and accidents on a session, as words that can be written down and repeated.
 
-``MOVE/1/step/3``: partition 1 sends a MOVE with a twist, here a wrong step, of which 3 says the particulars; ``*``
-stands for all partitions, one after the other. A request has the fields that fit the session, but for the twist.
+``MOVE/1/step/3``: partition 1 sends a MOVE with a twist, here a wrong step; 3 chooses the details; ``*`` stands for all
+partitions, one after the other. Except for the twist, the fields of a request fit the session.
 """
 
 from typing import NamedTuple
@@ -34,7 +34,7 @@ EVENTS = ("LEASE_END", "CRASH", "POWER", "STOP", "BREAK", "HEAL", "WAIT", "RECON
 
 
 class Action(NamedTuple):
-    """One thing that happens: what, to which partition, with what twist, and a number for the particulars."""
+    """One action: its name, its partition, its twist, and a number that chooses the details."""
 
     operation: str
     partition: int = 0

@@ -1,4 +1,4 @@
-"""Which error codes a request may be answered with, by its type, read from SPEC.md: section by section."""
+"""Error codes that may answer a request, by its type, read from SPEC.md section by section."""
 
 from functools import cache
 
@@ -50,5 +50,5 @@ _OWN: dict[str, tuple[str, ...]] = {
 
 @cache
 def allowed_codes(kind: str) -> frozenset[str]:
-    """Of a request of this type; ``""`` is one whose type cannot be read, or a reply."""
+    """Return the codes for a request of this type; ``""`` is a request whose type cannot be read, or a reply."""
     return frozenset((*_FRAMES, *_RIGHTS, *_OWN[kind])) if kind in _OWN else frozenset((*_FRAMES, *_RIGHTS))

@@ -1,9 +1,9 @@
-"""A whole server under attack, with and without keys: no process ends, and nothing is kept of those who attacked.
+"""A whole server under attack, with and without keys: no process ends, and nothing of the attackers is kept.
 
-Storms of broken connections go to the control and the data endpoints of two servers that hold a session each. Then
-come silent connections, a CURVE HELLO of 300 MB, a message that never ends and a peer who names himself a user, where
-there are keys to stop them. Afterwards the processes must be the same ones, with as many open files as at the start and
-hardly more memory, and both sessions must take their next step.
+Many broken connections go to the control and the data endpoints of two servers, each with a session. Then come silent
+connections, a CURVE HELLO of 300 MB, a message without end and, if there are keys against it, a peer that names itself
+a user. Afterwards the processes must be the same, with as many open files as at the start and hardly more memory, and
+both sessions must take their next step.
 """
 
 import tempfile
@@ -50,7 +50,7 @@ _MOST_GROWTH = 16 * _MIB
 
 
 class Target:
-    """A server with a session, seen from outside.
+    """A server with a session, observed from outside.
 
     ``name``: "with keys" or "without keys"; ``keys`` (Keys or None); ``endpoints``: "control" and "data".
     """
@@ -71,7 +71,7 @@ class Target:
         return self._server.open(client_mesh(grid_mesh()), {"support_radius": 2.0})
 
     def _settle(self) -> None:
-        """Wait until the worker has loaded what it loads in the background: its memory is the same for two seconds."""
+        """Wait until the worker has loaded its modules in the background: its memory is the same for two seconds."""
         memory: deque[int] = deque(maxlen=10)
         deadline = time.monotonic() + _PATIENCE
         while len(memory) < 10 or max(memory) - min(memory) > _MIB // 4:
@@ -95,7 +95,7 @@ class Target:
         require(not gone, f"{len(gone)} processes of the server {self.name} have ended")
 
     def require_calm(self) -> int:
-        """Raise unless files are given back; the bytes that the process which grew most has grown by."""
+        """Raise unless files are closed; return the growth in bytes of the process that grew most."""
         wait_until(
             lambda: all(usage_of(pid).files <= calm.files for pid, calm in self._calm.items()),
             f"the server {self.name} gives its descriptors back",
@@ -104,7 +104,7 @@ class Target:
         return max(usage_of(pid).resident_bytes - calm.resident_bytes for pid, calm in self._calm.items())
 
     def remember(self) -> None:
-        """Take the memory of now for that of a calm server: what is made once has been made."""
+        """Take the memory now as that of a calm server: objects that are made only once exist now."""
         now = self.usage()
         self._calm = {pid: Usage(calm.files, now[pid].resident_bytes) for pid, calm in self._calm.items()}
 
@@ -128,8 +128,8 @@ def target(name: str) -> Iterator[Target]:
 def attack(targets: Sequence[Target], seed: int, budget: Budget) -> tuple[Counter[str], int]:
     """Everything, to all of them.
 
-    Returns connections of the storms by kind. Returns bytes of the process that grew most. Raises BrokenPromise if a
-    process ends, or keeps or takes what it must not.
+    Returns the number of broken connections by kind. Returns the growth in bytes of the process that grew most. Raises
+    BrokenPromise if a process ends, or keeps or accepts what it must not.
     """
     places = [(target, endpoint) for target in targets for endpoint in target.endpoints.values()]
     for number, (target, endpoint) in enumerate(places):
@@ -165,7 +165,7 @@ def _single_attacks(target: Target, endpoint: str, seed: int) -> None:
 
 
 def run(seed: int, budget: Budget) -> Result:
-    """Storms of so many connections, to two servers, and the single attacks."""
+    """Make this number of broken connections to two servers, and the single attacks."""
     with target("without keys") as bare, target("with keys") as protected:
         made, growth = attack([bare, protected], seed, budget)
     details = {"connections": made.total(), "kinds": dict(made), "growth_bytes": growth, "exits": 0}

@@ -1,8 +1,8 @@
-"""Attacks on a server's sockets below ZeroMQ: what a peer may send that libzmq itself never would.
+"""Attacks on a server's sockets below ZeroMQ: bytes that a peer may send, but libzmq never sends.
 
-Each function makes its attack and returns what the server let happen; it does not judge. A caller looks at the server
-before and after: its processes, memory, open files, and whether it answers. ``seed`` and ``count`` say how much; the
-same seed makes the same bytes.
+Each function makes its attack and returns what the server accepted; it does not judge. A caller compares the server
+before and after: its processes, memory, open files, and whether it answers. ``count`` is the number of attacks; the
+same ``seed`` makes the same bytes.
 
 Addresses are ``tcp://HOST:PORT`` or ``ipc:///path``. ZMTP 3 is ZeroMQ RFC 23, its CURVE mechanism RFC 25.
 """
@@ -55,7 +55,7 @@ def command(name: bytes, body: bytes) -> bytes:
 
 
 def ready(**properties: bytes) -> bytes:
-    """The READY command of the NULL mechanism, of a DEALER with these further properties."""
+    """The READY command of the NULL mechanism, for a DEALER with these additional properties."""
     values = {"Socket-Type": b"DEALER"} | {name.replace("_", "-"): value for name, value in properties.items()}
     body = b"".join(
         bytes([len(name)]) + name.encode() + struct.pack(">I", len(value)) + value for name, value in values.items()
@@ -64,25 +64,28 @@ def ready(**properties: bytes) -> bytes:
 
 
 def endless_message(endpoint: str, frame_bytes: int, most_bytes: int) -> int:
-    """Frames with MORE set until the server ends it: MAXMSGSIZE and the high-water mark do not count them.
+    """Send frames with MORE set until the server closes the connection: MAXMSGSIZE and the high-water mark do not limit
+    them.
 
-    Returns bytes that were taken, ``most_bytes`` if it never ended.
+    Returns the number of accepted bytes, ``most_bytes`` if the server never closed the connection.
     """
     header = bytes([_FLAG_MORE | _FLAG_LONG]) + struct.pack(">Q", frame_bytes)
     return _pour(endpoint, greeting(b"NULL") + ready(), b"READY", header + bytes(frame_bytes), most_bytes)
 
 
 def oversized_hello(endpoint: str, size: int) -> int:
-    """A CURVE HELLO of ``size`` bytes, before anybody has proved anything.
+    """Send a CURVE HELLO of ``size`` bytes, before any authentication.
 
-    Returns bytes that were taken, ``size`` if all were.
+    Returns the number of accepted bytes, ``size`` if all were accepted.
     """
     opening = greeting(b"CURVE") + bytes([_FLAG_COMMAND | _FLAG_LONG]) + struct.pack(">Q", size) + b"\x05HELLO"
     return _pour(endpoint, opening, greeting(b"CURVE")[:1], bytes(1 << 20), size)
 
 
 def _pour(endpoint: str, opening: bytes, answer: bytes, block: bytes, most_bytes: int) -> int:
-    """Send an opening, wait for this within the server's answer, then send the same block again and again."""
+    """Send an opening, wait until the server's answer contains these bytes, then send the same block again and
+    again.
+    """
     sent = 0
     with connection(endpoint) as raw:
         raw.sendall(opening)
@@ -96,10 +99,10 @@ def _pour(endpoint: str, opening: bytes, answer: bytes, block: bytes, most_bytes
 
 
 def forged_user(endpoint: str, user: bytes, frame: bytes) -> bytes:
-    """A request from a peer without keys that names itself a user, in the metadata of its READY.
+    """Send a request as a peer without keys that names itself a user in the metadata of its READY.
 
-    ``frame``: frame 0 of a request, shorter than 256 bytes. Returns what came back, greeting and READY included; empty
-    if the server closed.
+    ``frame``: frame 0 of a request, shorter than 256 bytes. Returns the server's bytes, greeting and READY included;
+    empty if the server closed.
     """
     back = b""
     with connection(endpoint) as raw:
@@ -114,7 +117,7 @@ def forged_user(endpoint: str, user: bytes, frame: bytes) -> bytes:
 
 
 def until(raw: socket.socket, word: bytes) -> bytes:
-    """What comes, up to a word: a frame that is sent before the server's READY ends the connection."""
+    """Read bytes up to a word: a frame that is sent before the server's READY ends the connection."""
     back = b""
     while word not in back and (chunk := raw.recv(256)):
         back += chunk
@@ -123,7 +126,7 @@ def until(raw: socket.socket, word: bytes) -> bytes:
 
 @contextlib.contextmanager
 def half_open(endpoint: str, *, seed: int, count: int) -> Iterator[list[socket.socket]]:
-    """Connections that begin a greeting, each somewhere else, and then keep silent, all held open."""
+    """Open connections that stop at different places of the greeting and then keep silent; all stay open."""
     rng = random.Random(seed)
     held: list[socket.socket] = []
     try:
@@ -159,13 +162,13 @@ def _curve_hello(rng: random.Random) -> bytes:
 
 
 def _curve_other(rng: random.Random) -> bytes:
-    """Another command than is due, with a body of any length."""
+    """Another command than the expected one, with a body of any length."""
     name = rng.choice((b"HELLO", b"INITIATE", b"WELCOME", b"READY", b"MESSAGE", b"ERROR", b""))
     return greeting(b"CURVE") + command(name, rng.randbytes(rng.randrange(600)))
 
 
 def _huge_announcement(rng: random.Random) -> bytes:
-    """A frame of up to 2⁶³ bytes, of which few come."""
+    """A frame with a declared length of up to 2⁶³ bytes, of which few are sent."""
     flags = bytes([_FLAG_LONG | rng.choice((0, _FLAG_MORE, _FLAG_COMMAND))])
     opening = greeting(b"CURVE") if rng.random() < 0.5 else greeting(b"NULL") + ready()
     return opening + flags + struct.pack(">Q", rng.randrange(1 << rng.randrange(8, 63))) + rng.randbytes(64)
@@ -198,11 +201,11 @@ STORMS: dict[str, Callable[[random.Random], bytes]] = {
 
 
 def storm(endpoint: str, *, seed: int, count: int) -> Counter[str]:
-    """Connections with something wrong in each, one after the other.
+    """Make connections with one fault each, one after the other.
 
-    They end with a reset, so that the kernel keeps no memory of them and 10⁵ need no more ports than 100.
+    They end with a reset, so that the kernel keeps no memory of them and 10⁵ connections need no more ports than 100.
 
-    Returns connections by kind; ``"not connected"`` for those that found no listener within a second.
+    Returns the number of connections by kind; ``"not connected"`` for those that found no listener within a second.
     """
     rng = random.Random(seed)
     made: Counter[str] = Counter()
@@ -223,7 +226,7 @@ def storm(endpoint: str, *, seed: int, count: int) -> Counter[str]:
 
 
 def _send(raw: socket.socket, data: bytes, *, patient: bool) -> None:
-    """All at once, or so patiently that what follows a correct opening comes when it is due."""
+    """Send all parts at once, or each part when the protocol expects it."""
     opening = greeting(b"NULL") + ready()
     if not patient or not data.startswith(opening):
         raw.sendall(data)
@@ -236,7 +239,7 @@ def _send(raw: socket.socket, data: bytes, *, patient: bool) -> None:
 
 
 def _persistent_connection(endpoint: str) -> socket.socket:
-    """A connection; a full backlog is waited for."""
+    """Connect; wait while the backlog is full."""
     deadline = time.monotonic() + 1.0
     while True:
         try:

@@ -1,7 +1,8 @@
-"""Every role, every request, an own session and another's, over real sockets with real keys; and who gets none.
+"""Every role sends every request for an own session and for another user's, over real sockets with real keys; also
+clients that must get no answer.
 
-What is expected is written by hand (:mod:`.expected_rights`), not read from the server's table. One user's roles are
-changed again and again while the server runs and while this user's connections are open. In each round the questions
+The expected answers are written by hand (:mod:`.expected_rights`), not read from the server's table. One user's roles
+are changed again and again while the server runs and while this user's connections are open. In each round the requests
 come in another order.
 """
 
@@ -64,21 +65,21 @@ class Stage:
         return PublicKey.load(self.folder / "clients" / f"{name}.public").key
 
     def give(self, roles: tuple[str, ...], name: str = "subject") -> None:
-        """Change a user's roles, while everything runs; none: off the list."""
+        """Change a user's roles while the server runs; without roles, remove the key from the list."""
         if roles:
             admit(self.public(name), self.keys, name=name, roles=list(roles))
         else:
             revoke(name, self.keys)
 
     def held(self, own: bool) -> Holder:
-        """A built session of the subject, or of the other one, with its lease kept; opened again after a CLOSE."""
+        """A built session of the subject or of the other user, with its lease kept; opened again after a CLOSE."""
         if own not in self._held:
             self._held[own] = Holder(self.server, [grid_mesh()], keys=self.subject if own else self.other, calm=True)
             self._held[own].open()
         return self._held[own]
 
     def suspended(self) -> tuple[str, bytes]:
-        """A session of the other one that only the store has."""
+        """A session of the other user that is only in the store."""
         held = self.held(False)
         held.begin()
         held.leave()
@@ -99,7 +100,7 @@ class Stage:
 
 
 def outcome(stage: Stage, cell: Cell) -> str:
-    """Ask: the reply's type, or the error's code."""
+    """Send the request; return the reply's type, or the error's code."""
     stage.give(("owner",))
     held = stage.held(cell.own)
     at = address_of(held)
@@ -124,7 +125,7 @@ def outcome(stage: Stage, cell: Cell) -> str:
 
 
 def _join(wire: Wire, at: dict[str, Any], request: str) -> int:
-    """Be a holder, with a trial where the request ends one; the next step."""
+    """Become the holder, with a trial if the request ends one; return the next step."""
     joined = wire.ask(m.Join, **_fields("JOIN", at))
     step: int = joined.step + 1
     if request in ("COMMIT", "ROLLBACK"):
@@ -133,7 +134,7 @@ def _join(wire: Wire, at: dict[str, Any], request: str) -> int:
 
 
 def _fields(request: str, at: dict[str, Any]) -> dict[str, Any]:
-    """A right request's fields: where, and what of the rest it has to have."""
+    """Fields of a correct request: its endpoint, and the other required fields."""
     rows = np.full((5, 2), 1e-4)
     known = at | {"dimension": 2, "item": "nodes", "frame": "committed", "rows": rows, "displacement": rows}
     known |= {"velocity": "" if request == "MOVE" else rows, "weights": np.full((25, 2), 1.0)}
@@ -165,7 +166,7 @@ def judge(cell: Cell, got: str) -> None:
 
 
 def _owner_without(stage: Stage) -> Iterator[tuple[str, str, str]]:
-    """The owner with a wrong token, and without a JOIN: what, expected, got."""
+    """Requests of the owner with a wrong token, and without a JOIN; yields request, expected answer, answer."""
     stage.give(("owner",))
     held = stage.held(True)
     at = address_of(held) | {"token": _JUNK}
@@ -181,7 +182,7 @@ def _owner_without(stage: Stage) -> Iterator[tuple[str, str, str]]:
 
 
 def _unusable_list(stage: Stage) -> Iterator[tuple[str, str, str]]:
-    """While others may write the allow-list, no user is served, with or without an open session."""
+    """While other users can write the allow-list, no user is served, with or without an open session."""
     stage.give(("owner", "monitor", "admin"))
     held = stage.held(True)
     at = address_of(held)
@@ -200,7 +201,7 @@ def _unusable_list(stage: Stage) -> Iterator[tuple[str, str, str]]:
 
 
 def _outsiders(stage: Stage) -> int:
-    """Those with a wrong key, or none: nothing of what they send is answered; how many requests they sent."""
+    """Requests with a wrong key or without a key: none of them is answered; return their number."""
     stage.give(())
     held = stage.held(False)
     at = address_of(held)
@@ -218,7 +219,7 @@ def _outsiders(stage: Stage) -> int:
 
 
 def _without_keys(stage: Stage) -> Iterator[tuple[str, str, str]]:
-    """A server without keys on the same folder: sessions that have an owner do not exist for any user."""
+    """A server without keys on the same folder: for all its users, sessions with an owner do not exist."""
     held = stage.held(False)
     session, at = held.session, address_of(held)
     stage.close()
@@ -238,9 +239,9 @@ def _without_keys(stage: Stage) -> Iterator[tuple[str, str, str]]:
 
 
 def one_round(stage: Stage, random: Random, *, timed: int = _TIMED) -> dict[str, Any]:
-    """All questions once, in random order, and the stranger's.
+    """Send all requests once, in random order, and those of the stranger.
 
-    Raises BrokenPromise: at the first answer that is not the expected one.
+    Raises BrokenPromise at the first unexpected answer.
     """
     cells = list(role_cells())
     random.shuffle(cells)

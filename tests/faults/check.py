@@ -1,4 +1,4 @@
-"""A check: one promise of the server, with a seed and a count, and what came of it."""
+"""A check: one promise of the server, with a seed and a count, and its result."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ _SLACK, _AT_LEAST = 10.0, 600.0
 
 
 class BrokenPromise(Exception):
-    """A check has seen what must never happen; the message says what, and where to look."""
+    """A promise of the server was broken; the message has the evidence and the place."""
 
 
 def require(condition: object, message: str) -> None:
@@ -22,7 +22,7 @@ def require(condition: object, message: str) -> None:
 class Result:
     """What a check found.
 
-    ``got``: in one line, to compare with the target; ``details``: every figure that was measured, plain values.
+    ``got``: result in one line, to compare with the target; ``details``: all measured figures, plain values.
     """
 
     got: str
@@ -34,19 +34,19 @@ class Result:
 class Budget:
     """How much a check does.
 
-    ``count``: how many, of the check's own unit; ``report``: called with the number of those that are done.
+    ``count``: number of units of work; ``report``: called with the number of finished units.
     """
 
     count: int
     report: Callable[[int], None] = lambda _: None
 
     def admits(self, done: int) -> bool:
-        """Whether there is to be another one after so many."""
+        """Whether another unit follows after this number."""
         self.report(done)
         return done < self.count
 
     def warms_up(self, done: int, least: int) -> bool:
-        """Whether there is to be another one that comes first and is not counted: a tenth, and at least so many."""
+        """Whether another unit comes first that is not counted: a tenth of the count, and at least this number."""
         return done < max(least, self.count / 10)
 
 
@@ -54,9 +54,9 @@ class Budget:
 class Check:
     """One row of the table.
 
-    ``target``: what is promised; ``{count}`` in it is how many of what; ``short``, ``full``: the counts of the two
-    plans; ``seconds``: what the short plan takes on two cores; ``run``: (seed, budget) → :class:`Result`. The same seed
-    and count do the same. It may raise: that is a failure.
+    ``target``: the promise; ``{count}`` in it is the number of units; ``short``, ``full``: counts of the two plans;
+    ``seconds``: time of the short plan on two cores; ``run``: (seed, budget) → :class:`Result`. The same seed and count
+    give the same work. An exception is a failure.
     """
 
     name: str
@@ -67,11 +67,11 @@ class Check:
     run: Callable[[int, Budget], Result]
 
     def count(self, plan: str) -> int:
-        """How many in the plan "short" or "full"."""
+        """Count in the plan "short" or "full"."""
         return {"short": self.short, "full": self.full}[plan]
 
     def limit(self, count: int) -> float:
-        """Seconds after which a run with this count hangs: it fails."""
+        """Time limit of a run with this count, seconds; after it the check fails."""
         return _AT_LEAST + _SLACK * self.seconds * count / self.short
 
     def target_of(self, count: int) -> str:

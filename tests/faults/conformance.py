@@ -1,7 +1,7 @@
-"""The conformance suite, put to the server as it is started by ``mesh-motion serve``, and to each client there is.
+"""The conformance suite for the server that ``mesh-motion serve`` starts, and for each client that is found.
 
-The suite knows SPEC.md alone. A part of the cases is a seeded choice with at least one of every section and sentence
-that has cases; whatever the choice, they come in the order of the document.
+The suite knows SPEC.md alone. A part of the cases is a seeded choice with at least one case of every section and
+sentence that has cases; they always come in the order of the document.
 """
 
 import os
@@ -48,7 +48,7 @@ def clients() -> dict[str, str]:
 
 
 def choice(cases: Sequence[Case], count: int, random: Random) -> list[Case]:
-    """So many of the cases, in their order, with one at least of each section and sentence."""
+    """Return this number of cases in their order, with at least one of each section and sentence."""
     shuffled = list(cases)
     random.shuffle(shuffled)
     first = {case.section: case for case in shuffled}
@@ -74,7 +74,7 @@ def verdict(name: str, outcomes: Sequence[Outcome]) -> dict[str, Any]:
 
 
 def put_to(subject: Subject, cases: Sequence[Case], budget: Budget) -> list[Outcome]:
-    """The cases' outcomes, as far as the budget goes."""
+    """Outcomes of the cases that the budget allows."""
     stage = subject.stage()
     try:
         return put((case for number, case in enumerate(cases) if budget.admits(number)), stage)
@@ -83,7 +83,7 @@ def put_to(subject: Subject, cases: Sequence[Case], budget: Budget) -> list[Outc
 
 
 def run(seed: int, budget: Budget) -> Result:
-    """All, or a part of the cases for each: as great a part as the count is of the server's."""
+    """Run all cases or a part of them for each client; the part is the same share as for the server."""
     random = Random(f"conformance {seed}")
     found: dict[str, dict[str, Any]] = {}
     with tempfile.TemporaryDirectory(prefix="mesh-motion-prove-") as folder, ExitStack() as stack:

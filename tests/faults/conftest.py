@@ -18,16 +18,16 @@ from tests.faults.server_process import seeded
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    rows = parser.getgroup("rows", "rows that show the server's promises (-m faults)")
-    rows.addoption("--only", action="append", default=[], metavar="NAME", help="a row; may be given several times")
+    rows = parser.getgroup("rows", "rows that check the server's promises (-m faults)")
+    rows.addoption("--only", action="append", default=[], metavar="NAME", help="run this row; repeatable")
     rows.addoption("--list", action="store_true", help="list the rows with their targets and do nothing")
-    rows.addoption("--full", action="store_true", help="the counts of a night instead of some minutes")
-    rows.addoption("--seed", type=int, default=1, metavar="N", help="the same one does the same")
-    rows.addoption("--out", type=Path, default=Path("out/prove"), metavar="DIR", help="receives proof.json")
+    rows.addoption("--full", action="store_true", help="use the counts for a night, not for some minutes")
+    rows.addoption("--seed", type=int, default=1, metavar="N", help="seed of the random choices")
+    rows.addoption("--out", type=Path, default=Path("out/prove"), metavar="DIR", help="folder for proof.json")
 
 
 def pytest_cmdline_main(config: pytest.Config) -> int | None:
-    """The list, if it is asked for; a run needs names that exist."""
+    """Print the list if it is requested; a run needs existing names."""
     known = [check.name for check in table.CHECKS]
     for name in config.getoption("--only"):
         if name not in known:
@@ -68,7 +68,7 @@ def proof(request: pytest.FixtureRequest) -> Iterator[Proof]:
 
 
 def _plan(config: pytest.Config) -> Plan:
-    """Of the options, which are known where this folder is named on the command line."""
+    """Read the options; pytest knows them only if the command line names this folder."""
     scale = "full" if config.getoption("--full", False) else "short"
     return Plan(scale, config.getoption("--seed", 1))
 
@@ -80,7 +80,7 @@ def _row(item: Any) -> Check | None:
 
 @pytest.fixture
 def seed(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
-    """Faults by name (tests/faults/seeded/sitecustomize.py) for all servers that are started from now on."""
+    """Faults by name (tests/faults/seeded/sitecustomize.py) for all servers that start later."""
 
     def seed(*names: str) -> None:
         for name, value in seeded(*names).items():
@@ -91,6 +91,6 @@ def seed(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
 
 @pytest.fixture
 def protection(tmp_path: Path) -> Iterator[Protection]:
-    """All users but one, for a server in this process; its log is kept back."""
+    """All users except one, for a server in this process; its log is not printed."""
     with quiet():
         yield allow_everybody_listed(tmp_path)

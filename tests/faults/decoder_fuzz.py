@@ -1,6 +1,6 @@
-"""Nonsense for the decoder: golden vectors gone wrong come out as a message or as a typed error, and nothing is kept.
+"""Damaged golden vectors for the decoder: each gives a message or a typed error, and no memory is kept.
 
-A message that is accepted must be one that can be sent: encoded again it is decoded to the same frames. An error has a
+An accepted message must be one that can be sent: encoding and decoding it again gives the same frames. An error has a
 code that SPEC.md lists (never INTERNAL) and fits into its reply.
 """
 
@@ -32,7 +32,7 @@ _LARGEST_ERROR = 6000
 
 @dataclass
 class Totals:
-    """What messages came to: types of replies and codes, states that they met, the slowest in seconds."""
+    """Results of messages: types of replies and codes, states of the session, the longest time in seconds."""
 
     messages: int = 0
     outcomes: Counter[str] = field(default_factory=Counter)
@@ -41,7 +41,9 @@ class Totals:
 
 
 def campaign(play: Callable[[int, Totals], None], least: int, what: str, budget: Budget) -> Result:
-    """Play 0, 1, … until the budget is spent, after −1, −2, … (``least`` messages or more) that are not counted."""
+    """Play messages 0, 1, … until the budget is spent, after messages −1, −2, … (at least ``least``) that are not
+    counted.
+    """
     first, totals = Totals(), Totals()
     for number in count(1):
         if not budget.warms_up(first.messages, least):
@@ -65,7 +67,7 @@ def campaign(play: Callable[[int, Totals], None], least: int, what: str, budget:
 
 
 def memory_in_use() -> int:
-    """Bytes of this process that no file backs, after the allocator has given back what is no longer used (glibc)."""
+    """Memory of this process without file pages, after the allocator has returned unused memory (glibc), bytes."""
     gc.collect()
     with suppress(OSError, AttributeError):
         ctypes.CDLL(None).malloc_trim(0)
@@ -74,9 +76,9 @@ def memory_in_use() -> int:
 
 
 def outcome_of(frames: list[bytes]) -> str:
-    """What comes of frames: a message's type, or an error's code.
+    """Decode frames: return a message's type, or an error's code.
 
-    Raises BrokenPromise if it is neither as it should be. Any other exception is the decoder's defect.
+    Raises BrokenPromise if message or error is not correct. Any other exception is the decoder's defect.
     """
     try:
         message = decode(frames)
@@ -92,7 +94,7 @@ def outcome_of(frames: list[bytes]) -> str:
 
 
 def run(seed: int, budget: Budget) -> Result:
-    """So many messages, after some that are not counted."""
+    """Play this number of messages, after some that are not counted."""
     golden = golden_frames()
 
     def play(number: int, totals: Totals) -> None:

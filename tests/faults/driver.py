@@ -1,4 +1,4 @@
-"""Speaks to a session's host as the ranks of a solver would, without a socket."""
+"""Sends requests to a session's host like the ranks of a solver, without a socket."""
 
 from collections.abc import Callable
 from typing import Any
@@ -27,9 +27,9 @@ def make_spec(session: str = SESSION, **changes: Any) -> SessionSpec:
 
 
 class Driver:
-    """Speaks to a host as the solver's ranks would; every partition is a client of its own.
+    """Sends requests to a host like the solver's ranks; every partition is a separate client.
 
-    ``replies``: what the last request of each partition was answered with.
+    ``replies``: replies to the last request of each partition.
     """
 
     def __init__(self, host: SessionHost, meshes: list[PartitionMesh]) -> None:
@@ -99,7 +99,7 @@ class Driver:
 
 
 def parts_of(mesh: PartitionMesh) -> list[tuple[str, str, str, Any]]:
-    """What is uploaded of a partition: item, name, role and rows."""
+    """Uploads of a partition: item, name, role and rows."""
     parts: list[tuple[str, str, str, Any]] = [("nodes", "", "", mesh.points)]
     parts += [("global_ids", "", "", mesh.global_ids[:, None])]
     parts += [("cells", name, "", nodes) for name, nodes in mesh.cells.items()]
@@ -112,7 +112,7 @@ def make_driver(store: Any, meshes: list[PartitionMesh], **options: Any) -> Driv
 
 
 def undisturbed_driver(meshes: list[PartitionMesh]) -> Driver:
-    """A driver of an open session that nothing can happen to: its disk is the model file system's."""
+    """A driver of an open session without disturbances: its disk is the model file system's."""
     driver = make_driver(SessionStore("/undisturbed", files=ModelFiles()), meshes)
     driver.open()
     return driver
@@ -123,7 +123,7 @@ def resume(store: Any, session: str = SESSION, **options: Any) -> SessionHost:
 
 
 def resume_driver(driver: Driver, store: Any, **options: Any) -> Driver:
-    """The same ranks with their request numbers, after the session was resumed in another process."""
+    """The same ranks with their request numbers, after another process resumed the session."""
     again = Driver(resume(store, driver.host.session, **options), driver.meshes)
     again.sequences = driver.sequences
     again.join()

@@ -19,10 +19,10 @@ _NO_CONTENT = ("client", "sequence", "epoch")
 
 @dataclass(frozen=True, eq=False)
 class Asked:
-    """A request as its sender knows it.
+    """A request with all that its sender knows.
 
-    ``user``, ``peer``: whose key, and which connection; ``wrong``: codes of which one is due because of the content,
-    whatever the state; ``far``: a MOVE that no valid mesh follows.
+    ``user``, ``peer``: its key and its connection; ``wrong``: codes of which one is expected because of the content, in
+    any state; ``far``: a MOVE that no valid mesh can follow.
     """
 
     kind: str
@@ -34,7 +34,7 @@ class Asked:
 
     @property
     def content(self) -> Any:
-        """What a repeat must have in common."""
+        """Parts that a repeated reply must have in common."""
         values = {
             name: value for name, value in vars(self.message).items() if name not in ("client", "sequence", "epoch")
         }
@@ -44,7 +44,7 @@ class Asked:
 
 @dataclass
 class Answer:
-    """A reply that is due: its type, for an error the codes of which it has one, and fields; ``effect`` takes it in."""
+    """An expected reply: its type, for an error the allowed codes, and fields; ``effect`` is called with the reply."""
 
     to: Asked
     type: str
@@ -55,13 +55,15 @@ class Answer:
 
     @property
     def is_harmless(self) -> bool:
-        """Whether it is a refusal after which nothing may stand otherwise; failing disks and defects may freeze."""
+        """Whether it is a refusal that must change nothing; failing disks and defects may freeze the session."""
         return self.type == "ERROR" and not {"INTERNAL", "RESOURCE_EXHAUSTED.DISK"} & set(self.codes)
 
 
 @dataclass(frozen=True)
 class Share:
-    """A partition's part: global ids (n,), local indices of its moving nodes, coordinates (n, d), how many uploads."""
+    """The data of a partition: global ids (n,), local indices of its moving nodes, coordinates (n, d), number of
+    uploads.
+    """
 
     ids: NDArray[np.int64]
     moving: NDArray[np.int64]
@@ -70,7 +72,7 @@ class Share:
 
 
 def compare_all(answers: Sequence[Answer], replies: Replies) -> None:
-    """Replies to whom they are due, whatever their order."""
+    """Match replies to their expected receivers, in any order."""
     got = {(peer, m.client, m.sequence): m for peer, m in ((peer, decode(frames)) for peer, frames in replies)}
     due = {(a.to.peer, a.to.message.client, a.to.message.sequence): a for a in answers}
     require(len(got) == len(replies), "a request has two replies")
@@ -81,7 +83,7 @@ def compare_all(answers: Sequence[Answer], replies: Replies) -> None:
 
 
 def compare(answer: Answer, reply: Any) -> None:
-    """Type, code, whether it is worth a retry, and all fields that the model knows."""
+    """Compare type, code, whether a retry can succeed, and all fields that the model knows."""
     kind = answer.to.kind
     if reply.type == "ERROR":
         good = any(reply.code == code or reply.code.startswith(code + ".") for code in answer.codes)

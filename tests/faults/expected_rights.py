@@ -1,6 +1,6 @@
-"""Who is to get which answer, written down from docs/security.md and SPEC.md (sections 10, 11.8 and 20) by hand.
+"""Expected answers by role, written by hand from docs/security.md and SPEC.md (sections 10, 11.8 and 20).
 
-Nothing of this is read from the server's own table: where the two differ, one of them is wrong, and a proof fails.
+They are not read from the server's own table: if the two differ, one of them is wrong, and a check fails.
 """
 
 from collections.abc import Collection, Iterator
@@ -47,7 +47,7 @@ OUTSIDERS = ("no key", "unknown key", "wrong server key", "key taken off the lis
 
 @dataclass(frozen=True)
 class Cell:
-    """One question: by whom, what, where, and of whose session (True: the asker's own)."""
+    """One request: its sender, type, endpoint and session (True: a session of the sender)."""
 
     roles: tuple[str, ...]
     request: str
@@ -62,7 +62,7 @@ class Cell:
 def expected(roles: Collection[str], request: str, *, own: bool) -> str:
     """The answer: "use" (with token and JOIN), "oversee" (without), or an error's code.
 
-    ``roles``: none: the key was taken off the list, over a connection that is still open.
+    ``roles``: if empty, the key was removed from the list, while a connection is still open.
     """
     if not roles:
         return "UNAUTHENTICATED"
@@ -73,7 +73,7 @@ def expected(roles: Collection[str], request: str, *, own: bool) -> str:
 
 
 def role_cells() -> Iterator[Cell]:
-    """All questions of those who have a connection: of every combination of roles, and of a key just taken off."""
+    """All requests of users with a connection: every combination of roles, and a key that was just removed."""
     for roles in (*COMBINATIONS, ()):
         for own in (True, False):
             for request, endpoint in REQUESTS:

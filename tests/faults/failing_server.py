@@ -1,4 +1,4 @@
-"""A server in processes of its own that fails at planned points, and is started again whenever it has ended."""
+"""A server in separate processes that fails at planned points, and is started again whenever it has ended."""
 
 import signal
 from pathlib import Path
@@ -15,9 +15,9 @@ _SETTINGS: dict[str, Any] = {"lease_seconds": 0.4, "drain_seconds": 10.0, "colle
 
 
 class FailingServer(StandInServer):
-    """The server, as its operator has it.
+    """The server with the tools of its operator.
 
-    ``folder``: of its own, and with a short name. ``starts``: how often it was started.
+    ``folder``: a folder for this server only, with a short name. ``starts``: number of starts.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -34,7 +34,7 @@ class FailingServer(StandInServer):
         super().launch()
 
     def ensure(self) -> None:
-        """Start it if it does not run, as whatever watches over services does."""
+        """Start the server if it does not run, like a service manager."""
         for attempt in range(_STARTS):
             if self.runs:
                 return
@@ -50,7 +50,7 @@ class FailingServer(StandInServer):
     # --- its faults --------------------------------------------------------------------------------------------------
 
     def plan(self, *faults: str) -> None:
-        """Let these happen from now on, as a plan names them; the count of passages starts again."""
+        """Plan these faults from now on; the count of passages starts again."""
         (self._points / PLAN).unlink(missing_ok=True)
         for count in self._points.iterdir():
             count.unlink()

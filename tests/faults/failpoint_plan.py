@@ -1,4 +1,4 @@
-"""What happens at the server's failpoints: a kill, an error or a delay, as a plan says.
+"""Faults at the server's failpoints: a kill, an error or a delay, as a plan says.
 
 The folder that :data:`mesh_motion_server.failpoints.VARIABLE` names has the file ``plan``, which may be replaced while
 the server runs::
@@ -7,8 +7,8 @@ the server runs::
 
 At the third passage of the first point, counted over all processes of the server, the process that passes is killed as
 by ``kill -9``. ``sleep`` takes seconds, ``raise`` the name of an errno (then it is an OSError), MemoryError or
-RuntimeError. Every passage of a point adds a byte to the folder's file of its name: so the count outlives the process
-that it ended, and the check sees which points were passed. Removing the files starts the count again.
+RuntimeError. Every passage of a point adds a byte to the point's file in the folder: so the count survives a killed
+process, and the check sees which points were passed. Removing the files starts the count again.
 
 :mod:`.failpoint_table` has all names, with the faults that can occur there.
 """
@@ -36,9 +36,10 @@ _CODES = {name: code for code, name in errno.errorcode.items()}
 
 @dataclass(frozen=True)
 class Fault:
-    """What happens at one passage of a point.
+    """The fault at one passage of a point.
 
-    ``action`` ({"kill", "sleep", "raise"}); ``value``: seconds, or the error's name; ``hit``: at which passage, from 1.
+    ``action`` ({"kill", "sleep", "raise"}); ``value``: seconds, or the error's name; ``hit``: number of the passage,
+    from 1.
     """
 
     action: str
@@ -57,7 +58,7 @@ class Fault:
 
 
 def of_folder(folder: Path) -> Callable[[str], None]:
-    """What a server calls at each point, by the plan in a folder.
+    """The function that a server calls at each point, with the plan in a folder.
 
     Raises InvalidInput if the folder is not a folder of this user, or its plan is invalid.
     """

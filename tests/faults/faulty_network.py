@@ -1,8 +1,8 @@
-"""A network that breaks: a TCP proxy before a server's control and data endpoints, in a thread of its own.
+"""A network with faults: a TCP proxy in front of a server's control and data endpoints, in a separate thread.
 
-It listens on a host of its own at the same ports as the server, which advertises ``0.0.0.0``: clients then
-take the host by which they reached the control endpoint, as behind a container's port mapping. So data connections
-go through the proxy without the client knowing.
+It listens on a separate loopback address at the same ports as the server, which advertises ``0.0.0.0``: clients then
+use the host by which they reached the control endpoint, as behind a container's port mapping. So data connections use
+the proxy too, without knowledge of the client.
 
 Bytes are passed on unit by unit (:mod:`.zmtp_stream`), so that a fault strikes a message at a known place:
 
@@ -66,7 +66,7 @@ class Fault:
 
 @dataclass(eq=False)
 class _Passage:
-    """One client's connection and the one made for it."""
+    """A client's connection and the proxy's connection to the server."""
 
     place: str
     port: int
@@ -92,12 +92,12 @@ def _close(writer: asyncio.StreamWriter, *, reset: bool) -> None:
 
 
 class Network:
-    """The way of one client, or one user's clients, to a server.
+    """The network between one client, or one user's clients, and a server.
 
-    ``host``: of the proxy: a loopback address of its own; ``server`` (host, port): the server's control endpoint;
-    ``ports``: the server's data ports; ``crossing``: data ports in use, shared by the networks of one server;
-    ``restart``: kills and starts the server; called in a thread. ``struck``: the kinds of the faults that have struck
-    since they were armed.
+    ``host``: loopback address of the proxy; ``server`` (host, port): the server's control endpoint; ``ports``: the
+    server's data ports; ``crossing``: data ports in use, shared by the networks of one server; ``restart``: kills and
+    starts the server; called in a thread. ``struck``: kinds of the faults that have occurred since the last call of
+    ``arm``.
     """
 
     def __init__(
@@ -132,7 +132,7 @@ class Network:
         self._faults = dict.fromkeys(faults, 0)
 
     def heal(self) -> None:
-        """No further fault strikes; what is broken stays broken until its client connects again."""
+        """No further fault occurs; broken connections stay broken until their client connects again."""
         self._faults, self._late, self._swapping = {}, {}, False
 
     def close(self) -> None:
@@ -219,7 +219,7 @@ class Network:
                 await self._write(passage, way, late)
 
     def _due(self, place: str, way: str, kind: str) -> Fault | None:
-        """Count a unit; the first fault whose turn it is. Only messages may be duplicated, held or replayed."""
+        """Count a unit; return the first fault that is due at it. Only messages may be duplicated, held or replayed."""
         due = None
         for fault, passed in list(self._faults.items()):
             if (fault.place, fault.way) != (place, way):

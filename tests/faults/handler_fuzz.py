@@ -1,10 +1,11 @@
-"""Requests gone wrong for a whole server in process, in any state of its session: a typed error that changes nothing.
+"""Mutated requests for a whole server in this process, in any state of its session: each gives a typed error and
+changes nothing.
 
-Each scene is a server with two sessions, one of them led to a state by valid requests; then come valid requests of
-every type with one to three mutations, at the endpoint where they belong or at the other one, from its owner and from
-others. Every reply must be one that can be decoded, answers this request, is of the request's reply type or an error,
-and has a code that this request may have. A refused request changes nothing: neither where the session stands, nor a
-file, nor the other session. Nothing is INTERNAL, nothing takes long, nothing is kept.
+Each scene is a server with two sessions; valid requests lead one of them to a state. Then come valid requests of every
+type with one to three mutations, at the correct endpoint or at the other one, from its owner and from others. Every
+reply must be decodable, answer this request, have the request's reply type or be an error, and have a code that is
+allowed for this request. A refused request changes nothing: neither the state of the session, nor a file, nor the other
+session. No reply is INTERNAL or slow, and no memory is kept.
 """
 
 from __future__ import annotations
@@ -55,7 +56,7 @@ _SETTINGS = ServerSettings(stored_replies=4, max_sessions=4)
 
 
 def changes_for(known: Known) -> Mapping[Change, int]:
-    """All changes of a message, and those that need to know the session: address, request id, words that could be."""
+    """All mutations of a message, and those that use the session: address, request id, valid words."""
 
     def address(draft: Draft, random: Random) -> None:
         others: dict[str, Any] = {
@@ -92,7 +93,7 @@ def changes_for(known: Known) -> Mapping[Change, int]:
 
 @dataclass
 class Scene:
-    """A server whose session is in a state, ``aim``; what comes of the messages is added to ``totals``."""
+    """A server whose session is in a state, ``aim``; results of the messages are added to ``totals``."""
 
     server: InProcessServer
     known: Known
@@ -103,7 +104,7 @@ class Scene:
 
     @classmethod
     def set(cls, protection: Protection, state: str, random: Random, totals: Totals, *, real: bool = False) -> Scene:
-        """A new server, and one or two partitions' session in this state."""
+        """A new server, and a session of one or two partitions in this state."""
         server = InProcessServer(protection, None if real else StandIn, _SETTINGS)
         scene = cls(server, cls._open(server, _OWNER, random.choice((1, 1, 2))), random, state, totals)
         other = cls(server, cls._open(server, "stranger", 1), random, "TRIAL", totals)
@@ -122,7 +123,7 @@ class Scene:
         return Known(opened.session, opened.token, opened.epoch, partitions)
 
     def lead(self, user: str) -> None:
-        """By valid requests from NEW to the state that it is about."""
+        """Bring the session with valid requests from NEW to the state of the scene."""
         order = STATES.index(self.aim)
         self._all("JOIN", user)
         for part in range(len(self.known.uploads(0)) if order >= 1 else 0):
@@ -147,7 +148,7 @@ class Scene:
             self.server.data(self.known.session, user, b"peer %d" % partition, encode(request))
 
     def _lead_back(self) -> None:
-        """Now and then, to the state that the scene is about, and to connections that have joined."""
+        """Sometimes bring the session back to the state of the scene, and join its connections again."""
         state = self._state()
         if self.random.random() > 0.2:
             return
@@ -204,7 +205,7 @@ class Scene:
         return {path: id(file) for path, file in self.server.files.entries.items()}
 
     def _judge(self, frames: Sequence[bytes], replies: Replies, peer: bytes) -> bool:
-        """Look at the replies; whether all of them are refusals."""
+        """Check the replies; return whether all of them are refusals."""
         kind, number = _sent(frames)
         answers: list[tuple[bytes, Any]] = [(to, decode(back)) for to, back in replies]
         for _, answer in answers:
@@ -240,14 +241,14 @@ class Scene:
 
 
 def _fits(kind: str, answer: Any) -> bool:
-    """Whether SPEC.md has this reply for a request of this type."""
+    """Whether SPEC.md allows this reply to a request of this type."""
     if answer.type == "ERROR":
         return answer.code in allowed_codes(kind)
     return bool(REPLIES.get(kind) == answer.type)
 
 
 def _sent(frames: Sequence[bytes]) -> tuple[str, int]:
-    """Type and number of what was sent, as far as they can be read; the rest is passed over, not made and interned."""
+    """Type and number of the request, if they can be read; other values are skipped, not built and interned."""
     reader = msgpack.Unpacker(strict_map_key=True)
     found: dict[str, Any] = {"type": None, "sequence": None}
     try:
@@ -280,14 +281,15 @@ def play(protection: Protection, seed: int, number: int, totals: Totals) -> None
             error.add_note(f"(scene {number}, message {message})")
             raise
         totals.messages += 1
-    # A server and its sessions refer to each other, and the collector by itself comes after some hundred of them. What
-    # outlives such a heap holds its pages: 10 MB in 200 000 messages, with no more of Python's blocks in use.
+    # A server and its sessions refer to each other, and the garbage collector runs only after some hundred of them.
+    # Surviving objects hold the pages of such a heap: 10 MB in 200 000 messages, with no more of Python's blocks in
+    # use.
     del scene
     gc.collect()
 
 
 def run(seed: int, budget: Budget) -> Result:
-    """So many messages, after some that are not counted."""
+    """Play this number of messages, after some that are not counted."""
     with tempfile.TemporaryDirectory() as folder, quiet() as found:
         protection = allow_everybody_listed(Path(folder))
         try:

@@ -1,4 +1,4 @@
-"""Whether a stranger can find out that a session exists: by the words, by the size, or by the time of NOT_FOUND."""
+"""Whether a stranger can detect that a session exists: by the text, the size or the time of NOT_FOUND."""
 
 import os
 from collections.abc import Mapping, Sequence
@@ -27,9 +27,9 @@ def no_session() -> Asked:
 
 
 def require_alike(control: Wire, existing: Mapping[str, Asked]) -> int:
-    """Ask for sessions that exist and for one that does not: the answers must be the same but for the id.
+    """Send requests for sessions that exist and for one that does not: the answers must be equal except for the id.
 
-    ``control``: of a user who owns none of them. Returns answers compared.
+    ``control``: connection of a user who owns none of them. Returns answers compared.
     """
     compared = 0
     for kind in (Probe, Resume):
@@ -56,7 +56,9 @@ def _answer(control: Wire, kind: type[Probe] | type[Resume], asked: Asked) -> tu
 
 
 def times(control: Wire, existing: Mapping[str, Asked], random: Random, count: int) -> dict[str, list[float]]:
-    """Seconds until NOT_FOUND, so many times for each existing session and for none, in random order."""
+    """Seconds until NOT_FOUND, this number of times for each existing session and for a missing one, in random
+    order.
+    """
     order = [*existing, "none"] * count
     random.shuffle(order)
     found: dict[str, list[float]] = {what: [] for what in (*existing, "none")}
@@ -68,10 +70,11 @@ def times(control: Wire, existing: Mapping[str, Asked], random: Random, count: i
 
 
 def time_differences(found: Mapping[str, Sequence[float]]) -> dict[str, tuple[float, float]]:
-    """For each existing session: the median's difference from that of none, seconds, and the rank sum's deviation.
+    """For each existing session: difference of its median from that of the missing session, seconds, and deviation of
+    the rank sum.
 
-    The deviation is that of Mann and Whitney's statistic from its mean if nothing differed, in standard deviations. The
-    questions came in random order, so a busy machine disturbs all groups alike.
+    The deviation is that of the Mann–Whitney statistic from its mean for equal distributions, in standard deviations.
+    The requests came in random order, so a busy machine disturbs all groups alike.
     """
     none, differences = found["none"], {}
     for what, seconds in found.items():
@@ -84,7 +87,7 @@ def time_differences(found: Mapping[str, Sequence[float]]) -> dict[str, tuple[fl
 
 
 def require_same_time(found: Mapping[str, Sequence[float]]) -> dict[str, float]:
-    """Raise unless NOT_FOUND comes after its delay, and no sooner or later for a session that exists.
+    """Raise unless NOT_FOUND comes after its delay, at the same time for sessions that exist.
 
     Returns ``least`` seconds, and the difference of each group's median.
     """

@@ -1,9 +1,9 @@
-"""The black-box client: holds a session through whatever breaks, by what SPEC.md says alone.
+"""The black-box client: it keeps a session through all faults and uses only SPEC.md.
 
-A request is repeated by the same id until it is answered; without an answer PROBE shows whether the worker lives;
-then the holder joins again, after a RESUME if the worker is gone. Every reply must stay true: a step that was
-acknowledged is never lost, an epoch is never given twice, and an error has a known code and passes. Where nothing
-breaks, silence and errors are broken promises (``calm``).
+A request is repeated with the same id until it is answered; without an answer PROBE shows whether the worker lives;
+then the holder joins again, after a RESUME if the worker has ended. Every reply must stay true: an acknowledged step is
+never lost, an epoch is never given twice, and an error has a known code and goes away. Without faults (``calm``),
+silence and errors are broken promises.
 """
 
 from __future__ import annotations
@@ -45,20 +45,20 @@ _FULL = "RESOURCE_EXHAUSTED.SESSIONS"
 
 
 class SessionLost(Exception):
-    """There is no such session: right for one that was never built, or discarded."""
+    """There is no such session: correct for one that was never built, or discarded."""
 
 
 class TrialLost(Exception):
-    """A COMMIT came after what it should commit was lost."""
+    """A COMMIT came after its trial was lost."""
 
 
 class Holder:
     """Holds one session, over all its connections and epochs.
 
-    ``server``: has an ``endpoint`` and, unless ``calm``, what a :class:`.failing_server.FailingServer` has;
-    ``meshes``: by partition; ``client``: id of its requests to the data endpoint; ``keys``: of its user. ``step``: the
-    last acknowledged one; ``committing``: whether the next step's COMMIT waits for its reply; ``built``: whether the
-    mesh is known to be durable; ``refusals``: errors that it was answered with, by code.
+    ``server``: has an ``endpoint`` and, unless ``calm``, the methods of a :class:`.failing_server.FailingServer`;
+    ``meshes``: by partition; ``client``: id of its requests to the data endpoint; ``keys``: of its user. ``step``: last
+    acknowledged step; ``committing``: whether the next step's COMMIT waits for its reply; ``built``: whether the mesh
+    is known to be durable; ``refusals``: number of error replies by code.
     """
 
     def __init__(
@@ -79,12 +79,12 @@ class Holder:
         self.begin()
 
     def begin(self) -> None:
-        """A new task: it has so much time, and so many refusals."""
+        """Begin a new task with a new limit of time and of refusals."""
         self._deadline, self._refused = time.monotonic() + PATIENCE, 0
         self._patience = PATIENCE if self.calm else SILENCE
 
     def open(self, **fields: Any) -> None:
-        """From OPEN to READY; what is lost before it was durable is begun again."""
+        """Bring the session from OPEN to READY; begin again if it is lost before it is durable."""
         self.begin()
         everybody = range(len(self.meshes))
         while not self.built:
@@ -110,7 +110,7 @@ class Holder:
         self.disconnect()
 
     def disconnect(self) -> None:
-        """Cut the connections to the worker without a word; idempotent."""
+        """Cut the connections to the worker without a message; idempotent."""
         while self._lines:
             self._lines.pop().close()
 
@@ -122,7 +122,7 @@ class Holder:
         return kind(**known | {"epoch": self.epoch} | fields)
 
     def deliver(self, requests: list[Any]) -> list[Any]:
-        """The replies to requests of different partitions, each sent until it is answered by no error."""
+        """Send requests of different partitions, each until its reply is no error; return the replies."""
         replies: dict[int, Any] = {}
         while len(replies) < len(requests):
             if not self._lines:
@@ -142,7 +142,7 @@ class Holder:
         return [replies[request.partition] for request in requests]
 
     def ask(self, kind: Any, **fields: Any) -> Any:
-        """A control request until it is answered by no error; NOT_FOUND is for the session to judge."""
+        """Send a control request until its reply is no error; the caller handles NOT_FOUND."""
         self._sequence += 1
         request = kind(client=self._control, sequence=self._sequence, **fields)
         while True:
@@ -167,7 +167,7 @@ class Holder:
             request = replace(request, sequence=self._sequence)
 
     def _bad(self, request: Any, errors: list[m.ErrorReply]) -> None:
-        """Errors or silence: join again, which shows what there is to be done."""
+        """After errors or silence join again; the result shows what to do next."""
         self.disconnect()
         for error in errors:
             self._refusal(request, error)
@@ -179,7 +179,7 @@ class Holder:
             self._patience = min(2 * self._patience, _LONGEST_SILENCE)
 
     def _refusal(self, request: m.Message, error: m.ErrorReply) -> None:
-        """Count an error, which must be one that may come."""
+        """Count an error; it must be allowed."""
         self.refusals[error.code] += 1
         self._refused += 1
         message = f"{request.type} is answered {error.code}: {error.message}"
@@ -209,7 +209,7 @@ class Holder:
             self.join()
 
     def join(self) -> None:
-        """New connections to the endpoint, all joined; none if that fails."""
+        """Make new connections to the endpoint and join them; none if that fails."""
         self.disconnect()
         self._lines = [Wire(self.endpoint, self.keys) for _ in self.meshes]
         joins = [self.new(m.Join, p, token=self.token) for p in range(len(self.meshes))]
@@ -230,7 +230,7 @@ class Holder:
             self._reopen()
 
     def _reopen(self) -> None:
-        """CLOSE a session that says it cannot go on, and RESUME it, as its hint says."""
+        """CLOSE a session that cannot continue, and RESUME it, as the hint of its error says."""
         for p, line in enumerate(self._lines):
             request = self.new(m.Close, p)
             line.send(request)
@@ -239,14 +239,14 @@ class Holder:
         self.resume()
 
     def resume(self) -> None:
-        """RESUME; the connections are another matter."""
+        """Send RESUME only; the caller makes the connections."""
         resumed = self.ask(m.Resume, session=self.session, token=self.token)
         require(resumed.epoch > self.epoch, f"RESUME gives epoch {resumed.epoch} after epoch {self.epoch}")
         self.endpoint, self.epoch = resumed.endpoint, resumed.epoch
         self._take(resumed.step)
 
     def _take(self, step: int) -> None:
-        """A step that the server gives: the acknowledged one, or the one that waits for its reply."""
+        """Check a step of the server: it must be the acknowledged one, or the one that waits for its reply."""
         possible = (self.step, self.step + 1) if self.committing else (self.step,)
         require(step in possible, f"the session is at step {step}, step {self.step} was acknowledged")
 
@@ -258,7 +258,7 @@ _CLIENT = b"the same client."
 
 
 def seeded_mesh(seed: int) -> PartitionMesh:
-    """A square whose size and inner nodes are the seed's own."""
+    """A square; the seed chooses its size and inner nodes."""
     mesh = grid_mesh(4 + seed % 5)
     points = mesh.points.copy()
     inner = np.all((points > 0) & (points < 1), axis=1)
@@ -267,13 +267,13 @@ def seeded_mesh(seed: int) -> PartitionMesh:
 
 
 def seeded_rows(seed: int, step: int, iteration: int, count: int) -> Floats:
-    """(count, 2) displacement of the moving nodes: small, and undone by the next step but for its own part."""
+    """(count, 2) displacement of the moving nodes: small; the next step undoes it except for its own part."""
     rows = np.random.default_rng([seed, (step + 1) // 2, iteration]).uniform(-1e-3, 1e-3, (count, 2))
     return rows if step % 2 else -rows
 
 
 def twin_of(seed: int, steps: int) -> Driver:
-    """A session of the seed's mesh, on the model file system, after so many steps of one iteration each."""
+    """A session with the seed's mesh on the model file system, after this number of steps of one iteration each."""
     driver = undisturbed_driver([seeded_mesh(seed)])
     for step in range(1, steps + 1):
         driver.all(m.Move, [seeded_rows(seed, step, 1, len(driver.moving[0]))], step=step)
@@ -284,7 +284,7 @@ def twin_of(seed: int, steps: int) -> Driver:
 class SeededHolder(Holder):
     """One session of one partition.
 
-    ``seed``: of its mesh and its motions.
+    ``seed``: seed of its mesh and its motions.
     """
 
     def __init__(self, server: Any, seed: int) -> None:
@@ -300,14 +300,14 @@ class SeededHolder(Holder):
         return self
 
     def come_back(self) -> None:
-        """Take the session up again; a server that is full is asked again for a while."""
+        """Resume the session; while the server is full, try again for some time."""
         self.begin()
         self.resume()
         self.iteration = 0
         self.join()
 
     def move(self, *, repeats: int = 0) -> m.Moved:
-        """The next iteration of the seed's motion; sent again so many times, under the same request id."""
+        """Send the next iteration of the seed's motion, and this number of repeats with the same request id."""
         self.iteration += 1
         rows = seeded_rows(self.seed, self.step + 1, self.iteration, self.moving)
         moved: m.Moved = self.request(m.Move, repeats, frame="committed", step=self.step + 1, displacement=rows)
@@ -323,7 +323,7 @@ class SeededHolder(Holder):
         self.iteration = 0
 
     def request(self, kind: Any, repeats: int = 0, **fields: Any) -> Any:
-        """A request to the worker; each repeat must be answered by the same frames."""
+        """Send a request to the worker; each repeat must get the same reply frames."""
         self.begin()
         request = self.new(kind, 0, **fields)
         (reply,) = self.deliver([request])

@@ -1,8 +1,9 @@
-"""A whole server in one process: gateway, control and workers as they are, joined by calls instead of sockets.
+"""A whole server in one process: gateway, control and workers are the real ones, but calls replace the sockets between
+them.
 
-Frames go in at an endpoint and frames come out, through the same code that serves a network: decoding, rights, control,
-registry, host, encoding. Only sockets, processes and the disk are replaced, so that tens of thousands of requests a
-minute can be made, a worker can be killed and a disk can fail between any two of them.
+Frames go in and out at an endpoint, through the same code as over a network: decoding, rights, control, registry, host,
+encoding. Only sockets, processes and the disk are replaced. So tens of thousands of requests a minute are possible, and
+a worker can be killed or a disk can fail between any two of them.
 """
 
 import contextlib
@@ -43,7 +44,7 @@ _ROLES = {"owner": "owner", "stranger": "owner", "monitor": "monitor", "admin": 
 
 
 def allow_everybody_listed(folder: Path) -> Protection:
-    """Write an allow-list with all users but the unlisted one."""
+    """Write an allow-list with all users except the unlisted one."""
     path = folder / "allow.toml"
     write_entries(path, {USERS[name]: Entry(name, (role,)) for name, role in _ROLES.items()})
     hour_ago = time.time() - 3600  # else it counts as being written, and is read at every request
@@ -53,7 +54,7 @@ def allow_everybody_listed(folder: Path) -> Protection:
 
 @contextlib.contextmanager
 def quiet() -> Iterator[deque[str]]:
-    """No logs; instead the last exceptions that ended requests are kept, without those that a row has injected."""
+    """Collect no logs, but the last exceptions that ended requests, without those that a row has injected."""
     found: deque[str] = deque(maxlen=10)
     logger, handler = logging.getLogger("mesh_motion_server"), _Collecting(found)
     propagate, logger.propagate = logger.propagate, False
@@ -80,7 +81,7 @@ class _Collecting(logging.Handler):
 
 
 class _Store(SessionStore):
-    """A store that looks for sessions where the model has them."""
+    """A store that looks for sessions on the model file system."""
 
     def __init__(self, files: Any) -> None:
         super().__init__(ROOT, files=files)
@@ -91,7 +92,7 @@ class _Store(SessionStore):
 
 
 class _Worker(workers.Worker):
-    """A worker that serves what it is given, with a lease that ends on call."""
+    """A worker that serves its messages; its lease ends on a call."""
 
     wire: Socket
     line: Line
@@ -104,7 +105,7 @@ class _Worker(workers.Worker):
         self._report()
 
     def wake(self) -> None:
-        """As when it has waited for some seconds: it reports the session's state."""
+        """Make the worker report the session's state, as after some seconds without requests."""
         self._report()
 
     def obey(self, order: dict[str, Any]) -> None:
@@ -112,18 +113,18 @@ class _Worker(workers.Worker):
         self._obey()
 
     def end_lease(self) -> None:
-        """As when no client was connected for the lease's time."""
+        """End the lease, as after its time without a connected client."""
         self._suspended = True
         self._send(self.host.suspend())
         self._report()
 
     def expire(self, now: float) -> None:
-        """As when this time has come."""
+        """Run the timers until this time."""
         self._send(self.host.expire(now))
 
 
 class _Control(Control):
-    """Control that does not wait before it says NOT_FOUND."""
+    """Control without the delay before NOT_FOUND."""
 
     def hurry(self) -> None:
         while self._later.waiting:
@@ -132,7 +133,7 @@ class _Control(Control):
 
 
 class _Hosts:
-    """Makes hosts whose time stands still unless it is moved."""
+    """Makes hosts whose clock stands still until it is moved."""
 
     def __init__(self, clock: Callable[[], float], build_model: Any) -> None:
         self._options: dict[str, Any] = {"clock": clock, "build_model": build_model or build_motion_model}
@@ -147,9 +148,8 @@ class _Hosts:
 class InProcessServer:
     """A server with keys and its disk.
 
-    ``protection``: its allow-list; ``build_model``: none: the numerics themselves. ``now``: what the hosts take for the
-    time, seconds; ``ended``: by session, the host of the last worker that ended as it should: asked once more, it
-    refuses.
+    ``protection``: its allow-list; ``build_model``: None for the real numerics. ``now``: time of the hosts, seconds;
+    ``ended``: by session, the host of the last worker with a normal end: it must refuse further requests.
     """
 
     def __init__(self, protection: Protection | None, build_model: Any, settings: ServerSettings) -> None:
@@ -182,7 +182,7 @@ class InProcessServer:
         self._gateway = Gateway(line, self._wire, welcome, protection=self._protection)  # type: ignore[arg-type]
 
     def stop(self) -> None:
-        """SIGTERM, and another start: every worker closes its journal."""
+        """Stop with SIGTERM and start again: every worker closes its journal."""
         for worker in list(self._children.values()):
             worker.host.close()
             self.ended[worker.host.session] = worker.host
@@ -191,7 +191,7 @@ class InProcessServer:
         self.start()
 
     def crash(self) -> None:
-        """All processes are gone at once, and others start."""
+        """Kill all processes at once, and start new ones."""
         self.halt()
         self.files.handles.clear()
         self._children.clear()
@@ -208,19 +208,21 @@ class InProcessServer:
     # --- its endpoints -----------------------------------------------------------------------------------------------
 
     def control(self, user: str, peer: bytes, frames: Sequence[Any]) -> Replies:
-        """A message at the control endpoint, and all replies that are due."""
+        """Send a message to the control endpoint; return all its replies."""
         self._gateway._take(peer, USERS[user], [bytes(frame) for frame in frames])
         self._work()
         replies: Replies = self._wire.take_sent()
         return replies
 
     def data(self, session: str, user: str, peer: bytes, frames: Sequence[Any]) -> Replies:
-        """A message at a session's data endpoint, and all replies that are due; KeyError without a worker."""
+        """Send a message to a session's data endpoint; return all its replies; KeyError without a worker."""
         received = [Frame(bytes(frame), USERS[user]) for frame in (peer, *frames)]
         return self._replies(session, lambda worker: worker.serve(received))
 
     def settle(self, session: str) -> None:
-        """Wait until a session of level "relaxed" has stored its steps, or the disk has failed; all get a report."""
+        """Wait until a session of level "relaxed" has stored its steps, or the disk has failed; all clients get a
+        report.
+        """
         keeper = _keeper(self.host(session))
         if keeper is not None:
             with contextlib.suppress(DataLoss):
@@ -228,7 +230,7 @@ class InProcessServer:
             self._children[self._child(session)].wake()
 
     def host(self, session: str) -> Any:
-        """The host of a session whose worker lives, else None."""
+        """The host of a session with a living worker, else None."""
         child = self._control.registry.live.get(session)
         worker = self._children.get(child.child) if child else None  # type: ignore[call-overload]
         return worker.host if worker else None
@@ -247,7 +249,7 @@ class InProcessServer:
         return Socket(), "inproc://nowhere"
 
     def _replies(self, session: str, do: Callable[[_Worker], None]) -> Replies:
-        """What a session's worker sends when this is done to it, and what else follows has come."""
+        """Do this to a session's worker; return its messages after all consequences."""
         child = self._child(session)
         worker = self._children[child]
         do(worker)
@@ -271,7 +273,9 @@ class InProcessServer:
         return child
 
     def _work(self) -> None:
-        """Orders, deaths and what follows from them, until all is quiet; then what NOT_FOUND was delayed for."""
+        """Process orders, deaths and their consequences until nothing is left; then send the delayed NOT_FOUND
+        replies.
+        """
         while self._todo:
             child, order = self._todo.popleft()
             if order is None:
@@ -326,13 +330,13 @@ class InProcessServer:
 
 
 def _keeper(host: Any) -> RelaxedKeeper | None:
-    """Of a built session of level "relaxed"."""
+    """For a built session of level "relaxed"."""
     built = host._session._built if host is not None else None
     return built.keeper if built is not None and isinstance(built.keeper, RelaxedKeeper) else None
 
 
 def _end_thread(host: Any) -> None:
-    """A process that is killed has no threads any more."""
+    """A killed process has no threads any more."""
     keeper = _keeper(host)
     if keeper is not None and keeper._thread is not None:
         with keeper._news:
@@ -342,7 +346,7 @@ def _end_thread(host: Any) -> None:
 
 
 def standing_of(host: Any) -> tuple[Any, ...]:
-    """All that a refused request must leave as it was, but for who waits and which replies are kept."""
+    """All values that a refused request must not change, without waiting requests and kept replies."""
     session = host._session
     now = session._now
     points = [None if x is None else (x.step, x.points.tobytes()) for x in (now.committed, now.trial)]

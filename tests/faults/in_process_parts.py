@@ -1,4 +1,4 @@
-"""What takes the place of sockets, channels and processes where a whole server runs in one: see :mod:`.in_process`."""
+"""Replacements of sockets, channels and processes for a whole server in one process: see :mod:`.in_process`."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Replies = list[tuple[bytes, list[bytes]]]
 
 @dataclass(frozen=True)
 class Frame:
-    """A received frame, and the key that it came under."""
+    """A received frame, with the key of its sender."""
 
     bytes: Bytes
     user: str
@@ -30,7 +30,7 @@ class Frame:
         return len(self.bytes)
 
     def get(self, name: str | int) -> str | int:
-        """A property of the message: there is no connection that it came by."""
+        """A property of the message; there is no real connection."""
         properties: dict[str | int, str | int] = {"User-Id": self.user, zmq.SRCFD: -1}
         return properties[name]
 
@@ -53,7 +53,7 @@ class Socket:
         return 0
 
     def getsockopt(self, *_: Any) -> bytes:
-        """The last endpoint: none over which memory is shared."""
+        """The last endpoint; memory cannot be shared over it."""
         return b"tcp:"
 
     def take_sent(self) -> Replies:
@@ -62,7 +62,7 @@ class Socket:
 
 
 class Line:
-    """What takes a channel's place: hands on what is sent, and gives one order at a time."""
+    """Replacement of a channel: passes messages on, and gives one order at a time."""
 
     def __init__(self, deliver: Callable[[dict[str, Any]], None]) -> None:
         self._deliver = deliver
@@ -79,7 +79,7 @@ class Line:
 
 
 class Held:
-    """The disk as one process sees it: what it holds open ends with it."""
+    """The disk of one process: its open files are closed with the process."""
 
     def __init__(self, files: ModelFiles) -> None:
         self._files = files
@@ -103,7 +103,7 @@ class Held:
 
 
 class Child:
-    """What control knows of a worker: a line, and how to kill it."""
+    """Control's view of a worker: a line, and how to kill it."""
 
     pid = 0
 

@@ -1,12 +1,13 @@
-"""A disk that fails at every call that a session makes: FROZEN, nothing lost, and afterwards all goes on bitwise.
+"""A disk that fails at each call that a session makes: the session becomes FROZEN, loses nothing, and afterwards
+continues with the same bits.
 
-A session lives (create, build, some steps) again and again, each time with one more operation of its file system done
-before the disk fails: full or broken, once or for ever. Reads must still work, no further step may be taken, and on a
-healthy disk another process must go on from what was acknowledged, to coordinates that are bitwise those of a life
-without faults. Writes that take fewer bytes than given are no fault.
+A session runs (create, build, some steps) again and again; each time the disk fails one file operation later: full or
+broken, once or for ever. Reads must still work and no further step may be accepted. On a healthy disk another process
+must continue from the acknowledged steps, to the same coordinates, bit for bit, as a run without faults. Writes of
+fewer bytes than requested are no fault.
 
-This is done at each level of durability. With "relaxed" a disk that fails behind a commit's back must show in the next
-request, and what a reply called durable before must be there.
+This is done at each level of durability. With "relaxed" a disk failure after a commit's reply must show in the next
+request, and steps that a reply called durable before must exist.
 """
 
 import errno
@@ -42,16 +43,16 @@ Digests = dict[int, bytes]
 
 
 class _Ended(Exception):
-    """An error reply ended the life; its code."""
+    """An error reply ended the run; its code."""
 
 
 def fail_each_call(error: int, *, for_ever: bool, level: str = "full") -> Counter[str]:
-    """Live once for each operation that can fail.
+    """Run once for each operation that can fail.
 
-    ``error``: of errno; ``for_ever``: whether every later operation fails too; ``level``: of durability. Returns how
-    the lives ended: "not created", "not built", "FROZEN", "not rested" (with "replay": the state that is stored at the
-    end to save a later computation was not), and once "whole". Raises BrokenPromise, MeshMotionError if something
-    acknowledged is lost or differs; a note says where.
+    ``error``: error number of errno; ``for_ever``: whether every later operation fails too; ``level``: level of
+    durability. Returns how the runs ended: "not created", "not built", "FROZEN", "not rested" (with "replay": the state
+    at the end, stored to save a later computation, was not written), and once "whole". Raises BrokenPromise,
+    MeshMotionError if an acknowledged step or reply is lost or differs; a note names the place.
     """
     expected = _undisturbed()
     endings: Counter[str] = Counter()
@@ -75,9 +76,9 @@ def fail_each_call(error: int, *, for_ever: bool, level: str = "full") -> Counte
 
 
 def short_writes(most: int, level: str = "full") -> None:
-    """A life whose writes take so many bytes at most.
+    """A run whose writes take at most this number of bytes.
 
-    Raises BrokenPromise if anything differs from a life whose writes take all.
+    Raises BrokenPromise if anything differs from a run with complete writes.
     """
     raw, acknowledged = ModelFiles(), dict[int, bytes]()
     driver = _new(ShortFiles(raw, most), level)
@@ -116,9 +117,9 @@ def _live(driver: Driver, acknowledged: Digests) -> None:
 
 
 def _await_durable(driver: Driver, step: int) -> None:
-    """Ask until a step is durable; raises _Ended if the disk has failed behind the commit's back.
+    """Send requests until a step is durable; raises _Ended if the disk has failed after the commit's reply.
 
-    With one commit at a time on its way, every life does the same operations.
+    With only one commit in progress, every run does the same operations.
     """
     deadline = time.monotonic() + _PATIENCE
     while (status := driver.ask(Status)).durable_step < step:
@@ -129,7 +130,7 @@ def _await_durable(driver: Driver, step: int) -> None:
 
 
 def _life(files: Any, acknowledged: Digests, level: str) -> str:
-    """Live on a failing disk; how it ended."""
+    """Run on a failing disk; return how the run ended."""
     try:
         driver = _new(files, level)
     except MeshMotionError as error:
@@ -154,7 +155,9 @@ def _life(files: Any, acknowledged: Digests, level: str) -> str:
 
 
 def _require_frozen(driver: Driver, acknowledged: Digests, *, relaxed: bool) -> None:
-    """Reads still work, nothing is written any more, the replies give the last committed step and the durable one."""
+    """Reads still work, nothing is written any more, and the replies give the last committed step and the last durable
+    step.
+    """
     status = driver.ask(Status)
     last = max(acknowledged, default=0)
     steps = (status.step - relaxed, status.durable_step) if relaxed else (status.step, last)
@@ -167,7 +170,9 @@ def _require_frozen(driver: Driver, acknowledged: Digests, *, relaxed: bool) -> 
 
 
 def _continue(raw: ModelFiles, acknowledged: Digests, expected: Digests) -> None:
-    """Another process, a healthy disk: the session is there and goes on bitwise, or it was never built."""
+    """Continue in another process on a healthy disk: the session exists and continues bit for bit, or it was never
+    built.
+    """
     try:
         host = resume(SessionStore(ROOT, files=raw))
     except MeshMotionError as error:
@@ -185,7 +190,9 @@ def _continue(raw: ModelFiles, acknowledged: Digests, expected: Digests) -> None
 
 
 def run(seed: int, budget: Budget) -> Result:
-    """Every error at every call, once and for ever, some at the other levels, and short writes of random lengths."""
+    """Test every error at every call, once and for ever, some of them at the other levels, and short writes of random
+    lengths.
+    """
     random = Random(f"I/O faults {seed}")
     endings: Counter[str] = Counter()
     faults = [("full", error, for_ever) for error in ERRORS.values() for for_ever in (False, True)]

@@ -1,11 +1,11 @@
-"""How long a PING takes while other sessions' clients do their worst, and what the gateway takes of memory.
+"""Time of a PING while clients of other sessions do harm, and growth of the gateway's memory.
 
 Neighbours (:mod:`.neighbours`) upload 100 MB again and again while workers are killed, abort and reach their memory
-limit; then slow and silent clients come during the uploads. PINGs go to the control endpoint, to the data endpoint of a
-session that does nothing, and to an *echo*: a process of three lines that only sends back what comes. What the echo
-takes under the same load, asked in turns, is this machine's scheduling and not the server. So what is promised is a
-p99 of 15 ms, and three times the echo's p99 beyond that: on a calm machine little, and on a busy one the server, which
-works for the neighbours too, waits for a processor more often than a process that does nothing else.
+limit; then slow and silent clients come during the uploads. PINGs go to the control endpoint, to the data endpoint of
+an idle session, and to an *echo*: a process of three lines that only sends messages back. The echo's time under the
+same load, measured alternately, comes from this machine's scheduling and not from the server. So the promise is a p99
+of 15 ms plus three times the echo's p99. On a calm machine that is little more than 15 ms; on a busy machine the
+server, which also works for the neighbours, waits for a processor more often than a process without other work.
 """
 
 import subprocess
@@ -74,7 +74,7 @@ class Pings:
         self._frames = [bytes(frame) for frame in encode(Ping(client=b"isolation pinger"[:16], sequence=1))]
 
     def ask(self) -> dict[str, float]:
-        """One PING to each; seconds by name."""
+        """Send one PING to each endpoint; return seconds by name."""
         return {name: self._ask(name, socket) for name, socket in self._sockets.items()}
 
     def _ask(self, name: str, socket: zmq.Socket[bytes]) -> float:
@@ -91,7 +91,7 @@ class Pings:
 
 
 class Neighbour:
-    """A process that does harm, and how often it has."""
+    """A process that does harm, and the number of its attacks."""
 
     def __init__(self, kind: str, endpoint: str) -> None:
         self.kind, self.enough = kind, len(KINDS[kind])
@@ -113,9 +113,9 @@ class Neighbour:
 def measured(
     pings: Pings, neighbours: Sequence[Neighbour], count: int, look: Callable[[], None]
 ) -> dict[str, list[float]]:
-    """So many PINGs, and more until each neighbour has done all its harm once.
+    """Send this number of PINGs, and more until each neighbour has done all its harm once.
 
-    Raises BrokenPromise if a PING is not answered, or the neighbours do not get to their harm.
+    Raises BrokenPromise if a PING is not answered, or the neighbours cannot do their harm.
     """
     times: dict[str, list[float]] = {}
     deadline = time.monotonic() + 3 * _PATIENCE + count
@@ -133,19 +133,21 @@ def measured(
 def judge(figures: Mapping[str, Mapping[str, float]], growth: int) -> bool:
     """Whether the promise holds in each phase.
 
-    ``figures``: phase → endpoint → p99, seconds; ``growth``: bytes that the gateway has grown by.
+    ``figures``: phase → endpoint → p99, seconds; ``growth``: growth of the gateway in bytes.
     """
     return all(above(phase) <= 0 for phase in figures.values()) and growth < _MOST_GROWTH
 
 
 def above(p99: Mapping[str, float]) -> float:
-    """By how much the slower of the server's endpoints passes what is promised, seconds; below 0 where it does not."""
+    """Time by which the slower of the server's endpoints exceeds the promise, seconds; below 0 if it keeps the
+    promise.
+    """
     return max(p99["control"], p99["data"]) - _P99_SECONDS - _ECHOES * p99["echo"]
 
 
 @contextmanager
 def _echo() -> Iterator[str]:
-    """Endpoint of a process that sends back what comes."""
+    """Endpoint of the echo process."""
     process = subprocess.Popen([sys.executable, "-c", _ECHO], stdout=subprocess.PIPE, text=True)
     try:
         require(process.stdout is not None, "the echo has no output")
@@ -156,9 +158,9 @@ def _echo() -> Iterator[str]:
 
 
 class _Scene:
-    """A server, a session on it that does nothing, and the echo.
+    """A server, an idle session on it, and the echo.
 
-    ``growth``: bytes that the gateway has grown by at most.
+    ``growth``: largest growth of the gateway in bytes.
     """
 
     def __init__(self, stack: ExitStack) -> None:
@@ -179,7 +181,7 @@ class _Scene:
         self.growth = max(self.growth, resident_bytes(self._gateway) - self._calm)
 
     def play(self, kinds: Sequence[str], count: int) -> tuple[dict[str, list[float]], dict[str, Any]]:
-        """So many PINGs among these neighbours; seconds by endpoint, and how often harm was done."""
+        """Send this number of PINGs among these neighbours; return seconds by endpoint, and the number of attacks."""
         with ExitStack() as stack:
             neighbours = [Neighbour(kind, self.server.endpoint) for kind in kinds]
             for neighbour in neighbours:
@@ -189,7 +191,7 @@ class _Scene:
 
 
 def run(seed: int, budget: Budget) -> Result:
-    """PINGs in each phase; the seed chooses nothing, for it is the machine that varies."""
+    """Send PINGs in each phase; the seed has no effect, because only the machine varies."""
     figures: dict[str, dict[str, float]] = {}
     details: dict[str, Any] = {}
     with ExitStack() as stack:

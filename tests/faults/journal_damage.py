@@ -1,6 +1,7 @@
-"""Every byte of a small journal of each level is damaged, one at a time: reported or harmless, never a wrong array.
+"""Every byte of a small journal of each level is damaged, one at a time: the damage is reported or harmless, and never
+gives a wrong array.
 
-Those of the levels "replay" and "relaxed" take turns: three rounds for every byte.
+The levels "replay" and "relaxed" alternate: three rounds for every byte.
 """
 
 from dataclasses import replace
@@ -27,7 +28,9 @@ _REPORTED = ("DATA_LOSS", "UNIMPLEMENTED.VERSION")
 
 
 def small_journal(level: str = "full") -> dict[Path, bytes]:
-    """The files of a journal of three steps; with "replay" the second state is stored, with "relaxed" the first too."""
+    """The files of a journal of three steps; with "replay" the second state is stored, with "relaxed" the first state
+    too.
+    """
     files = ModelFiles()
     foundation = replace(foundation_of(level), record_area=PAGE, snapshot_steps=2 * (level == "replay"))
     journal = Journal.create(FOLDER, files, foundation, capacity=(STEPS + 1) * PAGE)
@@ -47,7 +50,7 @@ def small_journal(level: str = "full") -> dict[Path, bytes]:
 
 
 def read_back(contents: dict[Path, bytes], expected: Any = (entry_of, state_of)) -> int:
-    """The committed step that is read; −1 if the damage is reported.
+    """Return the committed step that is read; −1 if the damage is reported.
 
     ``contents``: the journal's files; ``expected``: step → its Commit, step → its coordinates (n, d). Raises
     BrokenPromise if a wrong array or reply is read, or an error of another kind is raised.
@@ -72,14 +75,14 @@ def read_back(contents: dict[Path, bytes], expected: Any = (entry_of, state_of))
 
 
 def damage(contents: dict[Path, bytes], path: Path, offset: int, bit: int) -> int:
-    """Turn one bit; what :func:`read_back` then finds."""
+    """Invert one bit; return the result of :func:`read_back`."""
     damaged = bytearray(contents[path])
     damaged[offset] ^= 1 << bit
     return read_back(contents | {path: bytes(damaged)})
 
 
 def _damage_each(contents: dict[Path, bytes], shift: int, level: str, turns: int) -> list[int]:
-    """What is read after the damage of each byte whose turn it is."""
+    """Results of reading after damage to each byte of this round."""
     found = []
     for path, data in contents.items():
         for offset in range(shift % turns, len(data), turns):
@@ -93,7 +96,7 @@ def _damage_each(contents: dict[Path, bytes], shift: int, level: str, turns: int
 
 
 def run(seed: int, budget: Budget) -> Result:
-    """One bit of every byte in each round, another one in the next."""
+    """Each round inverts one bit of every byte, each time another bit."""
     journals = {level: small_journal(level) for level in DURABILITY_LEVELS}
     reported = harmless = rounds = 0
     while not rounds or budget.admits(rounds):

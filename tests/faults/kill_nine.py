@@ -1,10 +1,10 @@
 """SIGKILL of a process that commits, at random moments of opening, recovering and committing.
 
-The lives are shared out among sessions of the three levels of durability. Every reply that came out, also those asked
-for once more after a kill, and the coordinates at the end must be bitwise those of an undisturbed process,
-which commits the same steps on the model file system. With "relaxed" a session may resume before what it acknowledged,
-but not before the durable step that it gave, and the steps done again must be bitwise the same. The kernel survives, so
-this does not show that anything was synced: that is what the power-loss check is for.
+The runs are divided among sessions of the three levels of durability. Every reply, also to a request repeated after a
+kill, and the coordinates at the end must be bitwise those of an undisturbed process, which commits the same steps on
+the model file system. With "relaxed" a session may resume before its last acknowledged step, but not before the last
+step that a reply called durable, and the repeated steps must be bitwise the same. The kernel survives, so this does not
+show that data was synced: the power-loss check does.
 """
 
 import os
@@ -95,7 +95,8 @@ class Witness:
 
 
 def kill_again_and_again(folder: Path, random: Random, budget: Budget, level: str = "full") -> Witness:
-    """So many lives of a session in a folder, at a level of durability; more until one has resumed and committed.
+    """Run this number of lives of a session in a folder, at a level of durability; more until one has resumed and
+    committed.
 
     Raises BrokenPromise as :meth:`Witness.check`, or if a process ended by itself.
     """

@@ -1,8 +1,8 @@
-"""Commits for ever and is killed, again and again: ``python -m tests.faults.killed_process FOLDER LEVEL``.
+"""Commits without end and is killed, again and again: ``python -m tests.faults.killed_process FOLDER LEVEL``.
 
-For each line of standard input, a number of seconds, a process is forked that resumes the session in FOLDER (or opens
-it) and commits step after step, until it is killed by SIGKILL that long after the fork. What it was answered goes to
-standard output, a line each, as soon as it is known::
+For each line of standard input, a number of seconds, the program forks a process that resumes the session in FOLDER (or
+opens it) and commits step after step, until SIGKILL ends it that long after the fork. Each reply is written at once to
+standard output, one line for each::
 
     resumed STEP SECONDS     the session is there, so long after the fork
     reply STEP DURABLE HEX   the COMMITTED frame of a step, and its durable step, which in the frame is the step; for
@@ -11,7 +11,7 @@ standard output, a line each, as soon as it is known::
     failed WHY               instead of any of these, and then
     ended STATUS             it was not killed, but ended by itself
 
-Forking keeps the time for imports out of each life; the process is killed as any other would be.
+The fork keeps the time for imports out of each life; the process is killed like any other process.
 """
 
 import os
@@ -35,7 +35,7 @@ _LIMITS = ServerSettings(snapshot_steps=8)
 
 
 def open_session(store: SessionStore, life: int, level: str = "full") -> Driver:
-    """The stored session, or a new one of this level of durability where none was built yet."""
+    """The stored session, or a new one of this level of durability if none was built yet."""
     store.sweep()
     try:
         driver = Driver(resume(store, limits=_LIMITS), [grid_mesh()])
@@ -51,10 +51,10 @@ def open_session(store: SessionStore, life: int, level: str = "full") -> Driver:
 
 
 def _commit(driver: Driver, step: int) -> str:
-    """Ask for the commit of a step, which may be committed already; the line that says so.
+    """Request the commit of a step, which may be committed already; return the output line.
 
-    How far the disk has got when a commit is answered is another matter in each life: the frame is that of a reply
-    which says that the step itself is durable.
+    The durable step in a reply differs between lives, so the frame is that of a reply which says that the step itself
+    is durable.
     """
     (reply,) = driver.send(driver.request(Commit, client=committer(0), sequence=step, step=step))
     require(reply.type == "COMMITTED", f"COMMIT of step {step} was answered {reply}")
@@ -76,12 +76,12 @@ def live(folder: str, life: int, level: str) -> None:
 
 
 def _say(line: str) -> None:
-    """Whole at once: a killed process leaves a part of a line at most if the pipe is full."""
+    """Write the line in one piece: a killed process leaves a part of a line only if the pipe is full."""
     os.write(1, line.encode() + b"\n")
 
 
 def main(folder: str, level: str) -> None:
-    """Fork, wait, kill; whatever a life would load first has been loaded by then."""
+    """Fork, wait, kill; all modules of a life are loaded before."""
     Undisturbed([grid_mesh()]).step(3)
     for life, seconds in enumerate(sys.stdin):
         child = os.fork()

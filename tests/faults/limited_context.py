@@ -1,4 +1,4 @@
-"""The one place where tests get their ZeroMQ sockets from: no send and no receive lasts for ever."""
+"""The only source of ZeroMQ sockets for tests: no send and no receive waits for ever."""
 
 from functools import cache
 
@@ -8,10 +8,10 @@ from tests.faults.waiting import PATIENCE
 
 
 def limited_context(seconds: float = 2 * PATIENCE) -> zmq.Context[zmq.Socket[bytes]]:
-    """A context whose sockets raise ``zmq.Again`` from a send or receive that takes longer, and close at once.
+    """A context whose sockets raise ``zmq.Again`` if a send or receive takes too long, and close at once.
 
-    By default libzmq waits for ever: in a send when the only peer has refused the connection, in the end of a process
-    for messages that no peer takes.
+    By default libzmq waits for ever: in a send if the only peer has refused the connection, and at the end of a process
+    for unsent messages.
     """
     context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
     for option, value in (

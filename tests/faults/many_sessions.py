@@ -1,8 +1,9 @@
-"""Many sessions at once, live and at rest: nothing of one shows in another, and nothing is kept of those at rest.
+"""Many sessions at once, live and at rest: sessions do not influence each other, and sessions at rest keep no process
+or memory.
 
 Every session has its own mesh, and all holders use the same client id and the same request numbers. Several threads
-draw a session at random and do something with it: what is answered must be, bitwise, what an undisturbed twin of that
-session answers in this process. Now and then one is suspended and one of those at rest takes its place.
+choose a session at random and use it: each answer must be, bit for bit, that of an undisturbed twin of this session in
+this process. Sometimes one session is suspended and another one at rest takes its place.
 """
 
 import os
@@ -48,7 +49,9 @@ _SETTINGS: dict[str, Any] = {"lease_seconds": 1.0, "idle_seconds": 6.0}
 
 
 class Member:
-    """A session of the fleet: its holder, and its twin while it is live, made again for a session that rested."""
+    """A session of the fleet: its holder, and its twin while it is live; the twin of a session at rest is made
+    again.
+    """
 
     def __init__(self, holder: SeededHolder) -> None:
         self.holder = holder
@@ -80,7 +83,7 @@ class Fleet:
         self.calm = self.usage()
 
     def _store(self, seed: int) -> tuple[int, str, bytes]:
-        """A session of one step that some server has left on disk."""
+        """A session of one step that another server has left on disk."""
         session, token = os.urandom(16).hex(), os.urandom(32)
         spec = SessionSpec(session=session, token=token, dimension=2, label=f"session {seed}")
         driver = Driver(SessionHost.create(spec, SessionStore(self.folder / "state")), [seeded_mesh(seed)])
@@ -99,11 +102,11 @@ class Fleet:
             self.live.append(member)
 
     def usage(self) -> dict[int, Usage]:
-        """Open files and memory of supervisor and gateway, which stay."""
+        """Open files and memory of supervisor and gateway, the processes that stay."""
         return {pid: usage_of(pid) for pid in (self.server.process.pid, self.server.gateway())}
 
     def put_to_rest(self, member: Member, *, politely: bool) -> None:
-        """Close a live session, or leave it without a word: it rests when its lease and its idle time are over."""
+        """Close a live session, or leave it without a message: it rests when its lease and its idle time have ended."""
         if politely:
             member.holder.leave()
         else:
@@ -132,7 +135,9 @@ class Fleet:
 
 
 def advance(member: Member, random: Random) -> None:
-    """Move, perhaps more than once, perhaps asked twice, and commit; all bitwise as the twin."""
+    """Move, sometimes more than once or with repeated requests, and commit; all answers are bitwise those of the
+    twin.
+    """
     holder, twin = member.holder, member.twin
     for iteration in range(1, random.choice((1, 1, 2)) + 1):
         rows = seeded_rows(holder.seed, holder.step + 1, iteration, holder.moving)
@@ -184,7 +189,7 @@ def _require_same(got: Any, expected: Any, what: str) -> None:
 
 
 def swap(fleet: Fleet, slot: int, random: Random) -> None:
-    """One at rest takes the place of a live one, which is closed, or left by its holder without a word."""
+    """Replace a live session by one at rest; the live one is closed, or its holder leaves it without a message."""
     old = fleet.live[slot]
     with fleet.lock:
         new = fleet.resting.pop(random.randrange(len(fleet.resting)))
@@ -195,9 +200,9 @@ def swap(fleet: Fleet, slot: int, random: Random) -> None:
 
 
 def sail(fleet: Fleet, random: Random, budget: Budget) -> Counter[str]:
-    """Several threads do something with sessions drawn at random, until the budget is spent; what was done.
+    """Use randomly chosen sessions in several threads until the budget is spent; return the counts of the uses.
 
-    Raises BrokenPromise: what one of them saw.
+    Raises BrokenPromise of one of the threads.
     """
     done: Counter[str] = Counter()
     over = threading.Event()
@@ -221,7 +226,7 @@ def sail(fleet: Fleet, random: Random, budget: Budget) -> Counter[str]:
 
 
 def _do_something(fleet: Fleet, slot: int, random: Random) -> str:
-    """With the session in a slot; what."""
+    """Use the session in a slot; return the name of the use."""
     if fleet.resting and random.randrange(_SWAPS) == 0:
         swap(fleet, slot, random)
         return "swap"
@@ -243,7 +248,9 @@ def require_full(fleet: Fleet) -> None:
 
 
 def require_own_tokens(control: str, one: Member, other: Member) -> int:
-    """The token of one session opens no other, nor does one session's worker know another session; how many tries."""
+    """Check that a session's token opens no other session, and that its worker knows no other session; return the
+    number of tries.
+    """
     a, b = one.holder, other.holder
     crossed = {"session": a.session, "token": b.token}
     tries: list[tuple[str, str, dict[str, Any]]] = [("PROBE", control, crossed), ("RESUME", control, crossed)]
@@ -259,9 +266,9 @@ def require_own_tokens(control: str, one: Member, other: Member) -> int:
 
 
 def require_listed(fleet: Fleet) -> None:
-    """LIST has each session once, at its step and under its label, and says which of them have a worker.
+    """Check that LIST has each session once, with its step and label, and says which sessions have a worker.
 
-    A session that its holder has left without a word has one until its idle time is over.
+    A session whose holder left without a message has a worker until its idle time ends.
     """
     deadline = time.monotonic() + _PATIENCE
     while wrong := _wrongly_listed(fleet):
@@ -270,7 +277,7 @@ def require_listed(fleet: Fleet) -> None:
 
 
 def _wrongly_listed(fleet: Fleet) -> str:
-    """The first difference between LIST and what is known here; empty if there is none."""
+    """The first difference between LIST and the expected sessions; empty if there is none."""
     listed = fleet.listed()
     members = {member.holder.session: (member.holder, "alive") for member in fleet.live}
     members |= {member.holder.session: (member.holder, "none") for member in fleet.resting}
@@ -286,7 +293,7 @@ def _wrongly_listed(fleet: Fleet) -> str:
 
 
 def require_calm(fleet: Fleet) -> int:
-    """All workers have ended and files are given back; the bytes that the supervisor has grown by."""
+    """Check that all workers have ended and files are closed; return the growth of the supervisor in bytes."""
     for member in fleet.live:
         fleet.put_to_rest(member, politely=member.holder.seed % 2 == 0)
     fleet.live.clear()

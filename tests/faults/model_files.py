@@ -1,8 +1,8 @@
-"""File systems for tests: one in memory that can lose power, and a wrapper whose operations fail.
+"""File systems for tests: a model in memory that can lose power, and a wrapper whose operations fail.
 
-The model is harsher than ext4: after a power loss any subset of the 512-byte sectors written since a file's last sync
-is on the disk, and of the changes to a folder since its last sync any prefix. A sync that fails drops what was to be
-written, while reads still see it, as Linux does.
+The model is harsher than ext4: after a power loss the disk has any subset of the 512-byte sectors written since a
+file's last sync, and any prefix of the changes to a folder since its last sync. A failed sync drops the unwritten data,
+while reads still see it, as on Linux.
 """
 
 from __future__ import annotations
@@ -23,14 +23,16 @@ class PowerLoss(Exception):
 
 @dataclass
 class _File:
-    """What reads see, what is on the disk, and what was written since the last sync (None: the file's size)."""
+    """The data that reads see, the data on the disk, and the writes since the last sync (None: a change of the file's
+    size).
+    """
 
     cache: bytearray = field(default_factory=bytearray)
     disk: bytearray = field(default_factory=bytearray)
     pending: list[tuple[int, bytes]] = field(default_factory=list)
 
     def settle(self) -> None:
-        """What is pending gets to the disk; what a failed sync has dropped does not, though reads see it."""
+        """Write pending data to the disk; data that a failed sync has dropped stays lost, though reads see it."""
         self.disk = self.disk[: len(self.cache)].ljust(len(self.cache), b"\0")
         for offset, data in self.pending:
             self.disk[offset : offset + len(data)] = data
@@ -43,8 +45,8 @@ class _File:
 class ModelFiles:
     """Files in memory.
 
-    ``operations``: every change asked for since :meth:`arm`; ``crash_at`` (int or None): how many of them are done
-    before power is lost; ``before``: called with each operation before it is done.
+    ``operations``: every requested change since :meth:`arm`; ``crash_at`` (int or None): number of operations before
+    power is lost; ``before``: called with each operation before it is done.
     """
 
     def __init__(self) -> None:
@@ -64,7 +66,7 @@ class ModelFiles:
         self.operations, self.crash_at = [], crash_at
 
     def copy(self) -> ModelFiles:
-        """The same files and what is pending, nothing open: as another machine would find them after a power loss."""
+        """The same files and pending data, with no open file: as another machine would find them after a power loss."""
         other, made = ModelFiles(), dict[int, _File]()
 
         def of(file: _File) -> _File:
@@ -83,7 +85,7 @@ class ModelFiles:
         self.durable = dict(self.entries)
 
     def lose_power(self, random: Random) -> None:
-        """Become what one of the possible disks shows after a restart."""
+        """Change to one of the possible disks after a restart."""
         kept = random.randrange(len(self.changes) + 1)
         for path, file in self.changes[:kept]:
             self._change(self.durable, path, file)
@@ -156,7 +158,7 @@ class ModelFiles:
 
     def write(self, handle: int, offset: int, data: Any) -> int:
         file, data = self.handles[handle], bytes(data)
-        # cut in two operations, so that power can be lost in between
+        # cut into two operations, so that power can be lost between them
         data = data[: max(1, len(data) // 2)] if len(data) > SECTOR else data
         self._operation("write")
         file.cache[len(file.cache) :] = bytes(max(0, offset + len(data) - len(file.cache)))
@@ -169,7 +171,7 @@ class ModelFiles:
         self.handles[handle].settle()
 
     def fail_sync(self, handle: int) -> None:
-        """What a failed fsync leaves: reads see the data, the disk never will."""
+        """Data after a failed fsync: reads see it, the disk never will."""
         self.handles[handle].pending = []
 
     def close(self, handle: int) -> None:
@@ -192,7 +194,7 @@ class ModelFiles:
         self.changes.append((source, None))
 
     def _rename_folder(self, source: Path, target: Path) -> None:
-        """At once durable: nothing here loses power around it."""
+        """Make it durable at once, because no test loses power around it."""
         self.folders = {target if folder == source else folder for folder in self.folders}
         for entries in (self.entries, self.durable):
             for path in [p for p in entries if p.parent == source]:
@@ -218,7 +220,7 @@ class ModelFiles:
 
 
 class FailingFiles:
-    """Passes everything on, until the operation number ``fail_at`` of ``kinds`` fails: once, or for ever."""
+    """Passes everything on, until operation number ``fail_at`` of ``kinds`` fails: once, or for ever."""
 
     def __init__(self, files: ModelFiles, *, error: int = errno.EIO, for_ever: bool = True) -> None:
         self._files = files

@@ -1,7 +1,7 @@
-"""Messages gone wrong, by a seeded generator: values of the header, declared arrays, numbers, frames, bytes.
+"""Mutated messages from a seeded generator: values of the header, declared arrays, numbers, frames, bytes.
 
-The decoder's fuzz begins with the golden vectors, the handlers' with requests that a session would take: most of these
-can still be decoded, and reach the handlers.
+The decoder's fuzz starts from the golden vectors, the handlers' fuzz from valid requests of a session: most mutants can
+still be decoded, and reach the handlers.
 """
 
 import struct
@@ -50,7 +50,7 @@ _IN_FIELDS = 0.85
 
 @dataclass
 class Draft:
-    """A message before it is packed: its header and the frames behind it."""
+    """A message before packing: its header and the frames after it."""
 
     header: Any
     frames: Frames
@@ -77,7 +77,7 @@ def _replace(inner: Any, key: Any, random: Random) -> None:
 
 
 def _nudge(inner: Any, key: Any, random: Random) -> None:
-    """A number off by a little or a lot; anything else longer, shorter or turned round."""
+    """A number changed by a little or a lot; other values longer, shorter or reversed."""
     value = inner[key]
     if isinstance(value, (int, float)):
         moved = value + random.choice((-1, 1, 0.5, 255, 2**32, -(2**40)))
@@ -103,7 +103,7 @@ def _rename(inner: Any, key: Any, random: Random) -> None:
 
 
 def _places(value: Any) -> list[tuple[Any, Any]]:
-    """What holds a value, and its key there, for each value inside another."""
+    """The container and the key of each nested value."""
     items = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
     return [place for key, item in items for place in ((value, key), *_places(item))]
 
@@ -122,7 +122,7 @@ def _somewhere(change: Callable[[Any, Any, Random], None]) -> "Change":
 
 
 def _reshaped(draft: Draft, random: Random) -> None:
-    """Another shape or dtype with a frame that fits it, or does not."""
+    """Another shape or dtype, with a frame that fits it or does not."""
     declared = draft.header.get("arrays")
     for array in declared if isinstance(declared, list) else ():
         if not (isinstance(array, dict) and isinstance(shape := array.get("shape"), list)):
@@ -144,7 +144,7 @@ def _reshaped(draft: Draft, random: Random) -> None:
 
 
 def _numbers(draft: Draft, random: Random) -> None:
-    """Numbers inside an array: not finite, huge, tiny, or indices that are none."""
+    """Change numbers inside an array: not finite, huge, tiny, or invalid indices."""
     for at in range(min(1, len(draft.frames))):
         frame = bytearray(draft.frames[at])
         for _ in range(random.choice((1, 1, 3)) if len(frame) >= 8 else 0):
@@ -155,7 +155,7 @@ def _numbers(draft: Draft, random: Random) -> None:
 
 
 def _frames(draft: Draft, random: Random) -> None:
-    """Frames missing, doubled, empty, cut, in another order, or too many."""
+    """Frames missing, repeated, empty, cut, in another order, or too many."""
     frames, what = draft.frames, random.randrange(5)
     if what == 0 or not frames:
         frames += [b"\0" * random.choice((0, 1, 8, 4096))] * random.randrange(1, 4)
@@ -182,7 +182,7 @@ def _bits(data: bytes, random: Random) -> bytes:
 
 
 def _splice(data: bytes, random: Random) -> bytes:
-    """Bytes left out, doubled, or replaced by what no packer writes; or the end is missing."""
+    """Remove or repeat bytes, replace them by bytes that no packer writes, or cut the end."""
     start = random.randrange(len(data) + 1)
     end = random.choice((len(data), *(min(len(data), start + random.randrange(16)) for _ in range(4))))
     middle = random.choice((b"", data[start:end] * 2, random.choice(_RAW), random.randbytes(8)))
@@ -203,7 +203,7 @@ CHANGES: Mapping[Change, int] = {
 
 
 def gone_wrong(draft: Draft, random: Random, changes: Mapping[Change, int] = CHANGES, raw: float = 0.4) -> Frames:
-    """No change to three, one after the other; then packed, and with this probability changed as bytes."""
+    """Apply zero to three changes, one after the other; then pack, and with this probability change bytes."""
     for change in random.choices(list(changes), list(changes.values()), k=random.choice((0, 1, 1, 1, 2, 3))):
         change(draft, random)
     head, *frames = draft.packed()

@@ -1,10 +1,10 @@
-"""A fault at every named failpoint of a real server, under a solver that means to get through.
+"""A fault at every named failpoint of a real server, under a solver that must finish its tasks.
 
-The solver's tasks are done once without a fault, to see which points each passes, and how often; a point that none
-passes fails the check. Then, point by point, a task is done with one fault planned at one of its passages: the process
-is killed, the operation fails, or it is late. The task must come to its end in time; afterwards no acknowledged step is
-lost, all replies and coordinates are bitwise those of a run that nothing disturbed, also those on the disk, and another
-session takes its next step. The server goes on, unless it was its own process that was killed.
+The solver's tasks run once without a fault, which shows the points that each task passes, and how often; a point that
+no task passes fails the check. Then, for each point, a task runs with one fault at one of its passages: the process is
+killed, the operation fails, or it is late. The task must end in time; afterwards no acknowledged step is lost, all
+replies and coordinates are bitwise those of an undisturbed run, also those on the disk, and another session takes its
+next step. The server continues, unless the killed process was its own.
 """
 
 import tempfile
@@ -36,9 +36,9 @@ _SUPERVISOR = ("supervisor.", "store.list", "store.sweep")
 
 @dataclass
 class Rig:
-    """A server, the solver whose tasks are spoilt, and another one that only goes on.
+    """A server, the solver whose tasks get faults, and another solver that only continues.
 
-    ``stops``: how often the server was stopped on purpose.
+    ``stops``: number of planned stops of the server.
     """
 
     server: FailingServer
@@ -72,7 +72,7 @@ class Rig:
         self.user.advance()
 
     def fill_manifest(self) -> None:
-        """Commit until the journal goes on with another manifest."""
+        """Commit until the journal continues with another manifest."""
         before = self.server.passed("journal.rotate")
         for _ in range(_MOST_COMMITS):
             self.user.begin()
@@ -82,14 +82,14 @@ class Rig:
         raise BrokenPromise(f"no manifest was full after {_MOST_COMMITS} commits")
 
     def restart(self) -> None:
-        """SIGTERM, and a new server for the same sessions."""
+        """Stop the server with SIGTERM, and start a new one for the same sessions."""
         self.server.stop()
         self.stops += 1
         self.server.ensure()
         self.user.look()
 
     def settle(self, enough: Callable[[], bool] = lambda: False) -> None:
-        """Wait until all processes that were started are ready, or what is waited for is there."""
+        """Wait until all started processes are ready, or the condition holds."""
         passed = self.server.passed
         wait_until(
             lambda: (
@@ -103,7 +103,7 @@ class Rig:
         )
 
     def require_whole(self) -> None:
-        """Raise unless both sessions go on, and the disk says what was acknowledged."""
+        """Raise unless both sessions continue, and the disk has the acknowledged steps."""
         for user in (self.user, self.bystander):
             user.begin()
             user.look()
@@ -116,7 +116,7 @@ class Rig:
 
 @dataclass(frozen=True)
 class _Task:
-    """What the solver does, and faults that belong to it."""
+    """A task of the solver, and faults that belong to it."""
 
     do: Callable[[Rig], None]
     always: tuple[str, ...] = field(default=())
@@ -155,7 +155,7 @@ def rig() -> Iterator[Rig]:
 
 
 def passages(rig: Rig, tasks: Sequence[str] = tuple(TASKS)) -> dict[str, dict[str, int]]:
-    """Task → point → how often it passes it, without a fault but its own."""
+    """Task → point → number of passages, without a fault except the task's own."""
     found = {}
     for name in tasks:
         rig.settle()
@@ -169,14 +169,14 @@ def passages(rig: Rig, tasks: Sequence[str] = tuple(TASKS)) -> dict[str, dict[st
 
 
 class NotPassed(BrokenPromise):
-    """A task did not come to the point often enough for its fault."""
+    """A task did not pass the point often enough for its fault."""
 
 
 def let_fail(rig: Rig, task: str, point: str, fault: str, hit: int) -> None:
-    """Do a task with a fault at the hit-th passage of a point.
+    """Run a task with a fault at passage number ``hit`` of a point.
 
-    Raises BrokenPromise if the point is not passed, or what :mod:`this module <.named_failpoints>` promises does not
-    hold.
+    Raises BrokenPromise if the point is not passed, or if a promise of :mod:`this module <.named_failpoints>` is
+    broken.
     """
     rig.server.plan(*TASKS[task].always, f"{point}={fault}@{hit}")
     starts = rig.server.starts - rig.stops
@@ -195,13 +195,13 @@ def let_fail(rig: Rig, task: str, point: str, fault: str, hit: int) -> None:
 
 
 def _struck(rig: Rig, point: str, hit: int) -> bool:
-    """Whether the fault has happened, once all that runs in the background has come to rest."""
+    """Whether the fault has happened, after all background work has ended."""
     rig.settle(lambda: rig.server.passed(point) >= hit)  # a process that it kills will never be ready
     return rig.server.passed(point) >= hit
 
 
 def run(seed: int, budget: Budget) -> Result:
-    """A fault at each point in turn, each time at another passage and of another kind."""
+    """Plan a fault at each point in turn, each time at another passage and of another kind."""
     random, faults, start = Random(f"failpoints {seed}"), Counter[str](), time.monotonic()
     with rig() as made:
         found = passages(made)
@@ -224,7 +224,7 @@ def run(seed: int, budget: Budget) -> Result:
 
 
 def _try_point(made: Rig, hits: dict[str, int], point: str, fault: str) -> None:
-    """One fault, in the first task that comes to its hit: some pass a point now and then only.
+    """Cause one fault, in the first task that reaches the passage: some tasks pass a point only sometimes.
 
     Whatever goes wrong says where.
     """

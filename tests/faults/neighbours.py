@@ -1,4 +1,4 @@
-"""Bad neighbours of a session, each a process that does its harm again and again and counts.
+"""Bad neighbours of a session; each is a process that repeats its attack and counts.
 
 ===========  ========================================================================================================
 ``upload``   opens a session and uploads 100 MB to it
@@ -52,7 +52,7 @@ _SEEN_AS = {"kill": "UNAVAILABLE.WORKER", "abort": "UNAVAILABLE.WORKER", "memory
 
 
 class Guest:
-    """A session, as a client has it that knows what it does."""
+    """A session, held by a client that knows the protocol."""
 
     def __init__(self, endpoint: str, label: str) -> None:
         self.control = Control(endpoint)
@@ -71,7 +71,7 @@ class Guest:
 
 
 def upload(endpoint: str) -> None:
-    """100 MB, in parts as the client would send them."""
+    """Upload 100 MB, in parts like the client."""
     guest = Guest(endpoint, "upload")
     rows = np.random.default_rng(1).random((_LARGE_ROWS // _PARTS, 3))
     for _ in range(_PARTS):
@@ -80,7 +80,7 @@ def upload(endpoint: str) -> None:
 
 
 def crash(endpoint: str, how: str) -> None:
-    """The end of a worker, which its client sees as an error, and no other client sees."""
+    """End a worker; its client gets an error, and no other client notices it."""
     guest = Guest(endpoint, how)
     try:
         guest.courier.deliver(Status(**guest.courier.address), StatusReport, _SECONDS)
@@ -92,7 +92,7 @@ def crash(endpoint: str, how: str) -> None:
 
 
 def slow(endpoint: str) -> None:
-    """All the slow and silent ones, held for a while."""
+    """Hold all slow and silent connections for a while."""
     guest = Guest(endpoint, "slow")
     with ExitStack() as stack:
         for _ in range(_SILENT):
@@ -109,7 +109,7 @@ def slow(endpoint: str) -> None:
 
 
 def _stops_reading(guest: Guest) -> socket.socket:
-    """A connection on which 100 MB wait, of which one was read."""
+    """A connection on which 100 MB wait, of which the client has read 1 MB."""
     raw = _spoken(guest.opened.endpoint)
     address: dict[str, Any] = {"session": guest.opened.session, "epoch": guest.opened.epoch, "client": b"r" * 16}
     _say(raw, Join(**address, sequence=1, token=guest.opened.token))
@@ -123,7 +123,7 @@ def _stops_reading(guest: Guest) -> socket.socket:
 
 
 def _never_reads(endpoint: str) -> socket.socket:
-    """A connection that has asked more than the kernel's buffers hold answers to."""
+    """A connection with more waiting answers than the kernel's buffers hold."""
     raw = _spoken(endpoint)
     raw.settimeout(2.0)
     with suppress(TimeoutError):

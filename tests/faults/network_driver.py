@@ -1,6 +1,6 @@
-"""A coupling code that keeps at it: repeats what was not answered, resumes what was lost, and trusts nothing.
+"""A persistent coupling code: it repeats unanswered requests, resumes lost sessions, and checks everything.
 
-Each call of the client must return its result or a typed error by its deadline. Results are compared, bit for bit, with
+Each call of the client must return its result or a typed error by its deadline. Its results must equal, bit for bit,
 those of an undisturbed session in this process.
 """
 
@@ -38,15 +38,15 @@ EXCUSED = ("DEADLINE_EXCEEDED", "UNAVAILABLE", "ABORTED.FENCED", "ABORTED.TRIAL_
 
 
 class Lost(Exception):
-    """The session is not ours any more: it is to be resumed."""
+    """The session has another holder: it must be resumed."""
 
 
 @dataclass(frozen=True)
 class Work:
     """What a driver does.
 
-    ``options``: of OPEN; ``frame``: of its moves; ``again`` (Mesh or None): what a RESUME needs; ``undisturbed``: makes
-    the run that its own must equal; ``patience``: how much longer than next to nothing its calls compute.
+    ``options``: fields of OPEN; ``frame``: of its moves; ``again`` (Mesh or None): mesh for a RESUME; ``undisturbed``:
+    makes the run that its own must equal; ``patience``: time for its calls in addition to the shortest one.
     """
 
     mesh: Mesh = field(default_factory=lambda: client_mesh(grid_mesh()))
@@ -61,8 +61,8 @@ class Work:
 class Driver:
     """One user's client behind a network.
 
-    ``endpoint``: as seen through the network; ``keys`` (Keys or None). ``errors``: codes of the errors that calls have
-    raised; ``under_way`` (str, float) or None: the call that has not returned, and its deadline.
+    ``endpoint``: the proxy's endpoint; ``keys`` (Keys or None). ``errors``: codes of the errors that calls have raised;
+    ``under_way`` (str, float) or None: the running call and its deadline.
     """
 
     def __init__(self, endpoint: str, keys: Keys | None, work: Work) -> None:
@@ -100,7 +100,7 @@ class Driver:
         return True
 
     def resume(self) -> None:
-        """As another process would that has the credentials, after this one has ended."""
+        """Resume like another process with the credentials, after this one has ended."""
         old = self._session
         require(old is not None, "there is no session to resume")
         self._disconnect()
@@ -126,9 +126,9 @@ class Driver:
         self.resume()
 
     def step_of_doubt(self) -> bool:
-        """A step whose requests and answers may be changed on the way, up to the first error.
+        """A step with requests and answers that may be changed by the network, up to the first error.
 
-        Returns whether a wrong result was taken for a right one.
+        Returns whether a wrong result was accepted.
         """
         session, expected = self._here, self._undisturbed.step(self.acknowledged + 1)
         right = True
@@ -198,15 +198,15 @@ class Driver:
         return self._session  # type: ignore[return-value]
 
     def _again_here(self, what: str, action: Callable[[Session], _Answer]) -> _Answer:
-        """A call of the session, until it has its result.
+        """Repeat a call of the session until it has its result.
 
-        Raises Lost: on an error that repeating will not cure.
+        Raises Lost on an error that a repetition cannot solve.
         """
         session = self._here
         return self._again(what, self._quick, lambda: action(session), lost=True)
 
     def _again(self, what: str, seconds: float, action: Callable[[], _Answer], *, lost: bool = False) -> _Answer:
-        """A call, until it has its result; each try by its deadline, with a typed error or none."""
+        """Repeat a call until it has its result; each try ends by its deadline, with a result or a typed error."""
         deadline = time.monotonic() + PATIENCE
         while True:
             try:
@@ -244,7 +244,7 @@ class Driver:
             self._server = None
 
     def _close(self, session: Session | None, outcome: Any = "keep") -> None:
-        """A session that may be gone already; one that was resumed since is not ended by it."""
+        """Discard a session that may have ended already; a session that was resumed since stays."""
         if session is None:
             return
         try:

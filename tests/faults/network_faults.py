@@ -1,14 +1,14 @@
-"""A network that breaks between clients and a real server, which itself is killed and started again at times.
+"""A network with faults between clients and a real server, which itself is sometimes killed and started again.
 
-Each seed chooses faults (:mod:`.faulty_network`) that strike while a session goes on, is resumed or is opened. Every
-call of the client must return its result or a typed error by its deadline; the session then goes on or is resumed at
-the step that was acknowledged last; all arrays and digests are, bit for bit, those of an undisturbed session;
-and no request is executed twice (:mod:`.network_driver`).
+Each seed chooses faults (:mod:`.faulty_network`) that occur while a session continues, is resumed or is opened. Every
+call of the client must return its result or a typed error by its deadline. The session then continues or is resumed at
+its last acknowledged step; all arrays and digests are, bit for bit, those of an undisturbed session; and no request is
+executed twice (:mod:`.network_driver`).
 
-Half of the clients have keys. Bytes that were changed on the way are found by CURVE, so these clients get ``flip`` and
-``truncate`` among their faults and lose nothing of the promise. Without keys the protocol has only TCP's
-checksum; there it is promised only that each call ends in time with a result or a typed error, and how many changed
-arrays were taken for good is counted and reported.
+Half of the clients have keys. CURVE detects changed bytes, so these clients get ``flip`` and ``truncate`` among their
+faults, and the whole promise holds for them. Without keys the protocol has only TCP's checksum: then the only promise
+is that each call ends in time with a result or a typed error, and the row reports how many changed arrays were
+accepted.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ def loopback() -> str:
 
 
 def places_of(ports: range) -> dict[str, Any]:
-    """Settings of a server behind networks: its endpoint, on an address of its own, and the ports of its data."""
+    """Settings of a server behind networks: its endpoint, on a separate address, and its data ports."""
     return {
         "endpoint": f"tcp://{loopback()}:{ports[0] - 1}",
         "advertised_host": "0.0.0.0",
@@ -64,9 +64,9 @@ def places_of(ports: range) -> dict[str, Any]:
 class Lane:
     """One client behind its own network.
 
-    ``keys`` (Keys or None); ``crossing``: shared by the lanes of a server; ``work``: what it does. ``struck``: faults
-    by kind; ``seen``: "quiet" seeds, in which no fault struck (too few units came where it waited); without keys the
-    seeds with "changed" bytes, and those of them where a wrong result went "unnoticed".
+    ``keys`` (Keys or None); ``crossing``: shared by the lanes of a server; ``work``: its task. ``struck``: faults by
+    kind; ``seen``: "quiet" seeds, in which no fault occurred (too few units passed); without keys also the seeds with
+    "changed" bytes, and those of them with an "unnoticed" wrong result.
     """
 
     def __init__(
@@ -87,12 +87,12 @@ class Lane:
         self.failure: Exception | None = None
 
     def open(self) -> None:
-        """Undisturbed: what the seeds go on with."""
+        """Make, without faults, the sessions that the seeds use."""
         self.network.heal()
         self.driver.open()
 
     def run(self, seed: int) -> None:
-        """One seed; then the network is healed, and the session takes one more step."""
+        """Run one seed; then end all faults, and take one more step."""
         rng = Random(f"network {seed}")
         begin = rng.choices(list(_BEGINNINGS), list(_BEGINNINGS.values()))[0]
         if self.driver.keys is None and seed // _LANES % _CORRUPTED == 0:
@@ -113,7 +113,7 @@ class Lane:
         self.driver.check_points()
 
     def _run_corrupted(self, rng: Random) -> None:
-        """Without keys: a session that is given up afterwards, for its inputs are unknown."""
+        """Without keys: use a session and discard it afterwards, because its inputs are unknown."""
         faults = [_fault(rng, rng.choice(CORRUPTING), "go on") for _ in range(2)]
         self.network.arm(faults)
         mistaken = self.driver.step_of_doubt()
@@ -131,7 +131,7 @@ def faults_of(rng: Random, begin: str, *, corrupting: bool) -> list[Fault]:
 
 
 def _fault(rng: Random, kind: str, begin: str) -> Fault:
-    """Somewhere: on the data connection, or the control connection where one is made."""
+    """A random place: on the data connection, or on the control connection if the task makes one."""
     place = "data" if begin == "go on" or rng.random() < 0.6 else "control"
     most = 12 if begin == "open" and place == "data" else 6
     return Fault(kind, place, rng.choice(("in", "out")), rng.randrange(most), rng.random())
@@ -161,7 +161,7 @@ def lanes(folder: Path, numbers: Sequence[int]) -> Iterator[list[Lane]]:
 
 
 def _server(folder: Path, *, with_keys: bool) -> tuple[StandInServer, Keys | None]:
-    """A server that listens on an address of its own, and its client's keys."""
+    """A server on a separate address, and its client's keys."""
     settings = _SETTINGS | places_of(range(20000, 20032))
     if not with_keys:
         return StandInServer(folder, **settings), None
@@ -181,9 +181,9 @@ def restarter(server: ServerProcess) -> Callable[[], None]:
 
 
 def run_seeds(lanes: Sequence[Lane], seed: int, budget: Budget) -> int:
-    """Hand seeds out to the lanes until the budget is used up or a promise is broken; how many.
+    """Give seeds to the lanes until the budget is spent or a promise is broken; return the number of seeds.
 
-    Raises BrokenPromise with the seed that shows it.
+    Raises BrokenPromise that names the seed.
     """
     lock, done, over = threading.Lock(), 0, threading.Event()
 
@@ -218,7 +218,7 @@ def run_seeds(lanes: Sequence[Lane], seed: int, budget: Budget) -> int:
 
 
 def _watch(lanes: Sequence[Lane], threads: Sequence[threading.Thread]) -> None:
-    """Wait for the lanes; a call that does not return is found here."""
+    """Wait for the lanes; detect a call that does not return."""
     while True:
         alive = any(thread.is_alive() for thread in threads)
         for lane in lanes:

@@ -1,14 +1,15 @@
-"""Bad inputs against a session, each answered by the right typed error without a trace, and extreme ones, each taken.
+"""Bad inputs for a session, each answered with the right typed error and without any effect, and extreme inputs, each
+accepted.
 
-A bad case spoils a good session's requests in one place. What is judged:
+A bad case changes a good session's requests in one place. What is judged:
 
 - the refused request, and no other, is answered by ERROR with the case's code, ``retryable`` and the state before; the
   message and the details name the first offender, the hint the way out; no library warned behind it;
 - the session is as before: a good request gives, bitwise, what it gives in a session that never saw the bad one, and
-  so does the digest of the committed state. Where a bad mesh was sent, which cannot be taken back, the same BUILD is
-  refused in the same words, and CLOSE is answered.
+  so does the digest of the committed state. After a bad mesh, which cannot be removed, the same BUILD is refused with
+  the same text, and CLOSE is answered.
 
-After an extreme input the moving nodes are, bitwise, at their prescribed positions, no library warns, the step can be
+After an extreme input the moving nodes are bitwise at their prescribed positions, no library warns, the step can be
 committed, and the answer is as exact as its row says. The rows are in :mod:`tests.faults.inputs`.
 """
 
@@ -42,7 +43,7 @@ BAD_INPUTS: tuple[BadInput, ...] = (*BAD_OPENS, *BAD_UPLOADS, *BAD_MESHES, *BAD_
 
 @dataclass
 class Verdicts:
-    """What came of the rows: how many there were, and what is wrong by name."""
+    """Results of the rows: their number, and the failed ones by name."""
 
     seed: int = 0
     cases: int = 0
@@ -50,7 +51,7 @@ class Verdicts:
 
     @contextmanager
     def of(self, name: str) -> Any:
-        """One row: what it raises is what is wrong."""
+        """Run one row; its exception says what is wrong."""
         self.cases += 1
         try:
             yield
@@ -69,7 +70,7 @@ def _bench() -> Any:
 
 
 def prove_bad_inputs(seed: int = 0, rows: Sequence[BadInput] = BAD_INPUTS) -> Verdicts:
-    """Send every row to a session of its own kind; ``seed``: which node, row or axis is spoiled."""
+    """Send every row to a session of its kind; ``seed`` chooses the changed node, row or axis."""
     verdicts = Verdicts(seed)
     with _bench() as bench:
         for number, row in enumerate(rows):
@@ -80,7 +81,7 @@ def prove_bad_inputs(seed: int = 0, rows: Sequence[BadInput] = BAD_INPUTS) -> Ve
 
 
 def prove_extreme_inputs(rows: Sequence[Extreme] = EXTREMES) -> Verdicts:
-    """Run a session for each row; nothing in it is drawn at random."""
+    """Run a session for each row, without random choices."""
     verdicts = Verdicts()
     with _bench() as bench:
         known = {name: bench.outcome(DRAFTS[name]()) for name in {row.draft for row in rows}}
@@ -93,7 +94,7 @@ def prove_extreme_inputs(rows: Sequence[Extreme] = EXTREMES) -> Verdicts:
 
 
 class _Bench:
-    """Sessions by their drafts and settings: those that only see bad MOVEs are shared by the rows."""
+    """Sessions by their drafts and settings: rows with bad MOVEs only share them."""
 
     def __init__(self, server: InProcessServer) -> None:
         self._server, self._numbers = server, count(1)
@@ -125,7 +126,7 @@ class _Bench:
         return wrong
 
     def outcome(self, draft: Draft) -> Outcome:
-        """What a session of one partition answers that is right and extreme."""
+        """Answers of a session of one partition to a valid, extreme input."""
         rig = self._opened(draft)
         _accepted([rig.upload_all(draft)])
         (built,), (moved,) = rig.collective("BUILD"), rig.move(draft)
@@ -190,7 +191,7 @@ class _Bench:
         return self._standing[key]
 
     def _compare(self, row: BadInput, replies: Sequence[Message]) -> None:
-        """Good moves are answered as in a session that has seen nothing bad."""
+        """Check that good moves are answered as in a session without bad inputs."""
         _accepted(replies)
         same = _bits(replies) in self._expected(row)
         require(same, "a good MOVE was then answered with other bits than in an undisturbed session")
@@ -208,7 +209,7 @@ class _Bench:
         return [known[:partitions], known[partitions : 2 * partitions]]
 
     def _advanced(self, good: Draft) -> tuple[Rig, list[bytes]]:
-        """A session after MOVE and COMMIT of step 1, and what that MOVE gave."""
+        """A session after MOVE and COMMIT of step 1, and the reply to that MOVE."""
         rig = self._opened(good)
         _accepted([rig.upload_all(good)])
         _accepted(rig.collective("BUILD"))
@@ -239,7 +240,7 @@ def _accepted(replies: Sequence[Message | None]) -> None:
 
 
 def _bits(replies: Sequence[Message]) -> list[bytes]:
-    """What must not change: displacements, digests."""
+    """The values that must not change: displacements, digests."""
     return [getattr(r, "digest", b"") or getattr(r, "displacement", np.empty(0)).tobytes() for r in replies]
 
 
@@ -271,7 +272,7 @@ def _differs(got: Any, value: Any) -> bool:
 
 
 def run(seed: int, budget: Budget) -> Result:
-    """The whole table of bad inputs, in one round after the other with other places spoiled, then the extreme ones."""
+    """Run the whole table of bad inputs, each round with other changed places, then the extreme inputs."""
     right = rounds = 0
     while not rounds or budget.admits(right):
         right += _require_none_wrong(prove_bad_inputs(seed + rounds))

@@ -1,8 +1,8 @@
-"""A rank that moves, judges and corrects its own nodes, on a network that breaks, with a server that is killed.
+"""A rank that moves, judges and corrects its own nodes, on a network with faults and with a server that is killed.
 
-The client has the mesh, the server its boundary (section 23 of the protocol). Faults strike between any two of MOVE,
-JUDGE, CORRECT, the second JUDGE and COMMIT: of the network (:mod:`.faulty_network`), SIGKILL of the server among them,
-and now and then the client itself is gone and another one resumes with mesh and credentials. All displacements and
+The client has the mesh, the server its boundary (section 23 of the protocol). Faults occur between any two of MOVE,
+JUDGE, CORRECT, the second JUDGE and COMMIT: faults of the network (:mod:`.faulty_network`) with SIGKILL of the server
+among them; sometimes the client itself ends, and another one resumes with mesh and credentials. All displacements and
 coordinates must be bitwise those of a session whose server has the whole mesh, and no acknowledged step may be lost.
 """
 
@@ -59,7 +59,8 @@ def _motion(session: Session, mesh: Mesh, step: int) -> Any:
 
 
 class WholeMesh:
-    """The run of a server with the whole mesh, as :class:`.undisturbed.Undisturbed`; its digests are of another state.
+    """The run of a server with the whole mesh, as :class:`.undisturbed.Undisturbed`; its digests belong to another
+    state.
 
     ``mesh``: of the session.
     """
@@ -81,7 +82,7 @@ class WholeMesh:
         return self._steps[number % _MOTIONS]
 
     def points(self, number: int) -> list[Any]:
-        """Coordinates (n, d) after so many steps, of the only partition."""
+        """Coordinates (n, d) of the only partition after this number of steps."""
         return self.step(number).points if number else [self.mesh.points]
 
 
@@ -102,7 +103,7 @@ def rank(folder: Path, whole: WholeMesh) -> Iterator[Lane]:
 
 
 def play(lane: Lane, seed: int) -> None:
-    """A seed: steps among faults, then one in peace."""
+    """Run a seed: steps with faults, then one without."""
     random = Random(f"own ranks {seed}")
     kinds = [kind for kind in KINDS if kind != "half-open"]  # that one is silence, and takes a call's whole time
     chosen = random.choices(kinds, [_WEIGHTS.get(kind, 1.0) for kind in kinds], k=random.choice((1, 1, 2)))

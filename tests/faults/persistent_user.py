@@ -1,6 +1,6 @@
-"""A coupled solver of two partitions that gets through whatever breaks, and must not notice it in any number.
+"""A coupled solver of two partitions that survives all faults, which must not change any of its numbers.
 
-Every MOVE and COMMIT is asked for twice; each reply must be that of a run that nothing disturbs, COMMITTED to the bit.
+Every MOVE and COMMIT is sent twice; each reply must be that of an undisturbed run, and COMMITTED equal to the bit.
 """
 
 from contextlib import ExitStack
@@ -29,7 +29,7 @@ class PersistentUser(Holder):
         self._undisturbed = undisturbed
 
     def advance(self) -> None:
-        """MOVE and COMMIT of the next step, each asked for twice."""
+        """Send MOVE and COMMIT of the next step, each twice."""
         number = self.step + 1
         expected = self._undisturbed.step(number)
         commits = [self.new(Commit, p, client=committer(p), sequence=number, step=number) for p in range(PARTITIONS)]
@@ -45,13 +45,13 @@ class PersistentUser(Holder):
         self._require_same(commits, expected.replies)
 
     def change_its_mind(self) -> None:
-        """A MOVE that is rolled back, then the right one."""
+        """Send a MOVE and roll it back, then the correct one."""
         self._move([-0.5 * rows for rows in self._undisturbed.step(self.step + 1).given[0]], None)
         self.deliver([self.new(Rollback, p, step=self.step + 1) for p in range(PARTITIONS)])
         self.advance()
 
     def look(self) -> None:
-        """Everything that changes nothing; the session must be where the undisturbed run is."""
+        """Send all requests that change nothing; the session must be in the state of the undisturbed run."""
         self.ask(Hello)
         self.ask(Ping)
         listed = [entry["session"] for entry in self.ask(List).sessions]
@@ -64,7 +64,7 @@ class PersistentUser(Holder):
         require(same, f"the coordinates of step {self.step} differ from the undisturbed run's")
 
     def take_over(self) -> None:
-        """RESUME while the old holder is there, who must be fenced."""
+        """Send RESUME while the old holder is connected; the old holder must be fenced."""
         self.connect()
         old, epoch = self._lines, self.epoch
         self._lines = []
@@ -79,7 +79,7 @@ class PersistentUser(Holder):
             require(reply is None or reply.type == "ERROR", f"the old holder was answered {reply}")
 
     def _move(self, given: list[Any], expected: list[Any] | None) -> None:
-        """One iteration; the stored replies are asked for as well."""
+        """Make one iteration, and request its stored replies again."""
         moves = [
             self.new(Move, p, step=self.step + 1, frame="committed", displacement=given[p]) for p in range(PARTITIONS)
         ]
@@ -90,7 +90,7 @@ class PersistentUser(Holder):
                 require(same, f"MOVE of step {self.step + 1} is answered otherwise than in the undisturbed run")
 
     def _require_same(self, commits: list[SessionMessage], expected: list[bytes]) -> None:
-        """Deliver; the replies' frames must be those of the undisturbed run."""
+        """Send requests; the replies' frames must be those of the undisturbed run."""
         replies = self.deliver(commits)
         same = [frames_of(reply) for reply in replies] == expected
         require(same, f"COMMIT of step {commits[0].sequence} is answered otherwise than in the undisturbed run")

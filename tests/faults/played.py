@@ -1,8 +1,8 @@
-"""Plays actions at a server and at the model of a session side by side, and compares all that can be seen.
+"""Plays actions on a server and on the model of a session side by side, and compares all that can be seen.
 
-After each request: which replies came, to whom, of which type, with which code and fields; where the session then
-stands; and of a refused one that nothing stands otherwise and no file was touched. At the end power is lost, another
-server starts, and every partition fetches what was committed.
+After each request it compares the replies, their receivers, types, codes and fields, and the state of the session; a
+refused request must change neither state nor files. At the end power is lost, another server starts, and every
+partition fetches the committed state.
 """
 
 from dataclasses import replace
@@ -60,7 +60,7 @@ class Played:
     # --- actions -----------------------------------------------------------------------------------------------------
 
     def act(self, action: Action) -> bool:
-        """Do it, if it can be done now.
+        """Play the action, if it is possible now.
 
         Raises BrokenPromise if server and model differ.
         """
@@ -83,7 +83,7 @@ class Played:
         return bool(done)
 
     def finish(self) -> None:
-        """Power is lost, a server starts over, and what was committed is there for every partition."""
+        """Cut the power and start a server again; the committed state must be there for every partition."""
         self.act(Action("HEAL"))
         self.act(Action("POWER"))
         for kind in ("RESUME", "JOIN", "FETCH", "STATUS"):
@@ -100,7 +100,7 @@ class Played:
         return model
 
     def _on_open(self, action: Action) -> bool:
-        """Once this session is gone another one takes its place; one that is refused does not touch this one."""
+        """After the end of this session open another one; a refused OPEN does not touch this session."""
         if action.twist:
             return self._refused_open(action)
         if not self.model.gone or self.model.disk_broken:
@@ -132,7 +132,7 @@ class Played:
         return True
 
     def _resume_host(self) -> bool:
-        """RESUME where the worker refuses it, asked of its host."""
+        """Send RESUME to the host of a worker that refuses it."""
         host = self._host()
         if host is None or "RESUME" in ADMITTED[self.model.state].split():
             return False
@@ -221,7 +221,7 @@ class Played:
         return True
 
     def _on_stall(self, _action: Action) -> bool:
-        """Only a session that does not wait for its disk goes on."""
+        """Only a session that does not wait for its disk continues."""
         if self.model.level != "relaxed" or self.model.worker != "alive" or self.model.disk_broken or self._stall:
             return False
         self.server.files.before = self._stall = Stall()
@@ -255,7 +255,9 @@ class Played:
     # --- derivatives -------------------------------------------------------------------------------------------------
 
     def _differentiate(self) -> None:
-        """TANGENT and COTANGENT by all partitions: each other's transpose, and nothing stands otherwise."""
+        """Send TANGENT and COTANGENT of all partitions: one is the transpose of the other, and the session does not
+        change.
+        """
         model = self.model
         idle = model.worker == "alive" and model.state in ("READY", "TRIAL") and not model.waiting
         if not idle or self.is_disconnected():
@@ -267,7 +269,7 @@ class Played:
         require(touched == len(self.server.files.operations), "a derivative has changed a file")
 
     def _derivative(self, kind: Any) -> float:
-        """The sum of what is found times what the other one is given."""
+        """The inner product of the result with the other request's vectors."""
         asked = [self._ranks.derivative(kind, p, self.model) for p in range(self.partitions)]
         replies = dict(reply for each in asked for reply in self._data(each, None))
         found = [decode(replies[self._ranks.peer(p)]) for p in range(len(replies))]
@@ -289,7 +291,7 @@ class Played:
         return asked is not None and self._ask(asked, action, host if closed else None)
 
     def _ask(self, asked: Asked, action: Action, ended: Any) -> bool:
-        """Send it, ask the model, and compare; ``ended`` is the host of a worker that has."""
+        """Send the request, ask the model, and compare; ``ended`` is the host of an ended worker."""
         before, touched = self._standing(), len(self.server.files.operations)
         replies, fired = self._data_with(asked, action, ended)
         answers = self.model.ask(asked, fired if asked.kind in ("BUILD", "COMMIT") else "")
@@ -303,7 +305,7 @@ class Played:
         return True
 
     def _data_with(self, asked: Asked, action: Action, ended: Any) -> tuple[Replies, str]:
-        """Send it, with the accident that its twist is; the replies, and what has happened."""
+        """Send the request with the accident of its twist; return the replies, and whether the accident happened."""
         if action.twist == "inside":
             commit = asked, action.value
             inside = Accident(
@@ -317,7 +319,7 @@ class Played:
         return replies, action.twist if accident.fired else ""
 
     def _end_by(self, accident: str, seed: int) -> None:
-        """All processes have ended in the middle of what they did, and others start."""
+        """End all processes in the middle of their work, and start others."""
         self.model.crashes("none")
         self.server.halt()
         if accident == "power":
@@ -325,7 +327,7 @@ class Played:
         self._start_over()
 
     def _host(self) -> Any:
-        """The host that would answer: the worker's, or that of one that has ended."""
+        """The host that would answer: the worker's, or that of an ended worker."""
         if self.model.worker == "alive":
             return self.server.host(self.model.session)
         return self.server.ended.get(self.model.session) if self.model.state == "CLOSED" else None
@@ -349,7 +351,7 @@ class Played:
         return decode(replies[0][1])
 
     def _control_with(self, asked: Asked, accident: str, at: int) -> tuple[Any, str]:
-        """Its reply while an accident happens, and whether one has."""
+        """Return the reply during an accident, and whether the accident happened."""
         if not accident or self.model.disk_broken:
             return self._control(asked), "disk" if self.model.disk_broken else ""
         armed = Accident(ACCIDENTS[accident], at)
@@ -363,7 +365,7 @@ class Played:
         return standing_of(host) if host is not None else None
 
     def _compare_standing(self) -> None:
-        """Where the session stands, by the server's own word."""
+        """State of the session according to the server."""
         model, host = self.model, self._host()
         if host is None:
             return

@@ -1,14 +1,13 @@
-"""Power is lost between any two operations of the real journal: nothing that was promised may vanish.
+"""Power is lost between any two operations of the real journal: no promised data may vanish.
 
-A journal of one of the levels of durability lives by a random script on the model file system: it is built, commits,
-leaves nothing undone, raises its epoch, fills its manifest and is opened again. Promised are every acknowledged step,
-reply and epoch; with "relaxed" the steps up to the durable step that a reply gave. Before each of its operations the
-world is copied and power is lost in the copies; of the disks that are possible then, several are drawn, and some lose
-power again while they recover. Each must open, hold what was promised (and of what was only asked for all or nothing),
-and take the next step.
+A journal of one of the levels of durability runs a random script on the model file system: it is built, commits,
+flushes, raises its epoch, fills its manifest and is opened again. The promise covers every acknowledged step, reply and
+epoch; with "relaxed" the steps up to the durable step of a reply. Before each operation the file system is copied, and
+the copies lose power; several of the possible disks are drawn, and some lose power again during the recovery. Each disk
+must open, have the promised data (and an unacknowledged step completely or not at all), and take the next step.
 
-The second part lets each operation fail instead, has another process read what the page cache shows and acknowledge it,
-and only then loses power: what fsync refused may not be believed.
+In the second part each operation fails instead; another process reads the page cache and acknowledges its data, and
+only then power is lost: data that fsync refused must not be trusted.
 """
 
 from collections.abc import Callable
@@ -65,26 +64,26 @@ def entry_of(step: int) -> Commit:
 
 @cache
 def boundary_of(step: int) -> BoundaryInput:
-    """What a step is computed from, where it is logged."""
+    """The input of a step, if it is logged."""
     return BoundaryInput("committed", state_of(step)[:4].tobytes(), "the model")
 
 
 def foundation_of(level: str) -> Foundation:
-    """Of a journal of this level; with "replay" every third state is stored."""
+    """Options of a journal of this level; with "replay" every third state is stored."""
     return replace(FOUNDATION, durability=level, snapshot_steps=3 * (level == "replay"), log_bytes=1 << 20)
 
 
 def random_script(random: Random) -> str:
-    """A life: ``c`` commits, ``f`` leaves nothing undone, ``e`` raises the epoch, ``o`` opens it again."""
+    """A life: ``c`` commits, ``f`` flushes everything, ``e`` raises the epoch, ``o`` opens the journal again."""
     return "".join(random.choices("cfeo", (8, 3, 2, 1), k=random.randrange(4, 16)))
 
 
 @dataclass
 class Life:
-    """One journal's life, and what it acknowledged.
+    """One journal, and the data that it acknowledged.
 
-    ``pages``: of a manifest; ``step``, ``epoch``: the last ones that were acknowledged; ``asked``: the last step that
-    was asked for; ``promised_step``: with "relaxed": the last durable step that a reply gave.
+    ``pages``: size of a manifest; ``step``, ``epoch``: last acknowledged ones; ``asked``: last requested step;
+    ``promised_step``: with "relaxed" the last durable step of a reply.
     """
 
     files: Any
@@ -97,7 +96,7 @@ class Life:
     promised_step: int = 0
 
     def run(self, script: str) -> None:
-        """Build or open the journal and check it, then live by the script."""
+        """Build or open the journal and check it, then run the script."""
         writer = _Writer(self._begin(), self.level)
         for command in script:
             if command == "c":
@@ -127,7 +126,9 @@ class Life:
         return journal
 
     def _check(self, journal: Journal) -> None:
-        """Nothing promised is lost, nothing is wrong, and what was only asked for is there or not."""
+        """Check that no promised data is lost and no data is wrong, and that an unacknowledged step is complete or
+        missing.
+        """
         found, commits = journal.ledger.step, journal.ledger.commits
         promised = self.promised_step if self.level == "relaxed" else self.step
         require(promised <= found <= self.asked, f"step {found}; {promised} was promised, {self.asked} asked for")
@@ -147,7 +148,7 @@ class Life:
 
 
 class _Writer:
-    """Commits as the journal's level does; with "relaxed" the work of its thread is done on call."""
+    """Commit as the journal's level does; with "relaxed" the work of its thread is done on call."""
 
     def __init__(self, journal: Journal, level: str) -> None:
         self.journal, self._level, self._backlog = journal, level, Backlog(journal)
@@ -167,7 +168,7 @@ class _Writer:
         return step
 
     def catch_up(self) -> None:
-        """All that was committed is durable."""
+        """All committed steps are durable."""
         if self._backlog:
             self._backlog.take()()
 
@@ -179,11 +180,11 @@ class _Writer:
 
 
 def explore(script: str, random: Random, *, wrap: Wrap = _bare, disks: int = DISKS, level: str = "full") -> int:
-    """Lose power before every operation of a life.
+    """Lose power before every operation of a script.
 
-    ``random``: draws the disks; ``wrap``: puts something between the journal and the model: a bug that must be found;
-    ``disks``: for each operation; ``level``: of durability. Returns how many disks were looked at. Raises
-    BrokenPromise, DataLoss, OSError: what was acknowledged is lost, or a disk cannot be opened; notes say where.
+    ``random``: draws the disks; ``wrap``: puts a layer with a seeded bug between the journal and the model; ``disks``:
+    number for each operation; ``level``: level of durability. Returns the number of tested disks. Raises BrokenPromise,
+    DataLoss, OSError if acknowledged data is lost, or a disk cannot be opened; notes name the place.
     """
     raw, looked_at = ModelFiles(), 0
     life = Life(wrap(raw), random.choice(_PAGES), level=level)
@@ -203,7 +204,7 @@ def explore(script: str, random: Random, *, wrap: Wrap = _bare, disks: int = DIS
 
 
 def _recover(copy: ModelFiles, life: Life, random: Random, wrap: Wrap, *, interrupted: bool) -> int:
-    """Lose power, once or again during the recovery, and live on; how many disks that were."""
+    """Lose power, sometimes again during the recovery, and continue; return the number of disks."""
     copy.lose_power(random)
     again = replace(life, files=wrap(copy))
     if interrupted:
@@ -220,7 +221,7 @@ def _recover(copy: ModelFiles, life: Life, random: Random, wrap: Wrap, *, interr
 
 
 def fail_each(script: str, random: Random, level: str = "full") -> int:
-    """Let each operation fail for ever, believe the page cache, then lose power; how many disks were looked at.
+    """Let each operation fail for ever, trust the page cache, then lose power; return the number of tested disks.
 
     Raises BrokenPromise, DataLoss, OSError as :func:`explore`.
     """
@@ -256,7 +257,7 @@ def _fail_once(script: str, random: Random, fail_at: int, life: Life) -> None:
 
 
 def run(seed: int, budget: Budget) -> Result:
-    """Random lives until so many disks were looked at."""
+    """Run random scripts until this number of disks was tested."""
     lost = failed = lives = 0
     while budget.admits(lost + failed):
         random = Random(f"power loss {seed} {lives}")

@@ -1,4 +1,4 @@
-"""What the system shows of processes: their children, open files and memory."""
+"""Data of the system about processes: their children, open files and memory."""
 
 import os
 import threading
@@ -16,7 +16,7 @@ class Usage:
 
 
 def alive(pid: int) -> bool:
-    """Whether it runs: one that has ended, and whose parent has not waited for it yet, does not."""
+    """Whether the process runs: an ended process whose parent has not waited for it does not."""
     try:
         return bool(psutil.Process(pid).status() != psutil.STATUS_ZOMBIE)
     except psutil.NoSuchProcess:
@@ -24,7 +24,7 @@ def alive(pid: int) -> bool:
 
 
 def children_of(pid: int) -> list[int]:
-    """The processes that it has started and that have not ended, oldest first.
+    """Living children of the process, oldest first.
 
     Raises psutil.NoSuchProcess if it has ended.
     """
@@ -33,7 +33,7 @@ def children_of(pid: int) -> list[int]:
 
 
 def descendants(pid: int) -> set[int]:
-    """A process, its children, and theirs; empty once it has ended."""
+    """A process with all its descendants; empty after its end."""
     try:
         return {pid, *(child.pid for child in psutil.Process(pid).children(recursive=True))}
     except psutil.NoSuchProcess:
@@ -46,7 +46,7 @@ def usage_of(pid: int) -> Usage:
 
 
 def name_of(pid: int) -> str:
-    """What ``ps -e`` calls it; empty once it has ended."""
+    """Name of the process in ``ps -e``; empty after its end."""
     try:
         return str(psutil.Process(pid).name())
     except psutil.NoSuchProcess:
@@ -54,7 +54,7 @@ def name_of(pid: int) -> str:
 
 
 def end_with_parent() -> None:
-    """Let this process, which multiprocessing has started, end with the one that did so, however that ends."""
+    """Let this process, started by multiprocessing, end with its parent, in whatever way the parent ends."""
     parent = parent_process()
     assert parent is not None
 

@@ -1,4 +1,4 @@
-"""What a run of rows shows: a line each as it finishes, and everything that was measured in proof.json."""
+"""Results of a run of rows: a line for each finished row, and all measured figures in proof.json."""
 
 import faulthandler
 import json
@@ -32,7 +32,7 @@ _AGAIN_SECONDS = 60.0
 class Plan:
     """How much is done.
 
-    ``scale``: "short" or "full": each check's own counts.
+    ``scale``: "short" or "full", the counts of each check.
     """
 
     scale: str = "short"
@@ -40,10 +40,10 @@ class Plan:
 
 
 class Proof:
-    """The rows of one run: each has its line as it ends, and proof.json is written again.
+    """The rows of one run: each finished row prints its line and rewrites proof.json.
 
-    ``checks``: all that will be run; ``out``: receives proof.json; made if missing; ``report``: takes each line;
-    ``progress``: takes what is being done, often.
+    ``checks``: all checks of the run; ``out``: folder for proof.json; made if missing; ``report``: called with each
+    line; ``progress``: called often with the current work.
     """
 
     def __init__(
@@ -62,7 +62,7 @@ class Proof:
         report(HEADING)
 
     def run(self, check: Check) -> dict[str, Any]:
-        """Run one of the rows; whatever it raises is its failure, with its traceback, and the next one can run."""
+        """Run one of the rows; any exception is its failure, with a traceback, and the next row can run."""
         count = check.count(self._plan.scale)
         budget = Budget(count, lambda done: self._progress(f"{check.name}: {done} of {count}"))
         start, trace = time.monotonic(), ""
@@ -93,14 +93,14 @@ class Proof:
 
 
 class _Hangs(BaseException):
-    """A row is over its limit; nothing in a row that takes errors takes this one."""
+    """A row has exceeded its time limit; no error handler in a row catches this exception."""
 
 
 @contextmanager
 def _limited(seconds: float) -> Iterator[None]:
-    """Raise :class:`_Hangs` in whatever waits after this time, and again each minute if the end of the row waits too.
+    """Raise :class:`_Hangs` in any waiting call after this time, and again each minute if the end of the row waits too.
 
-    A loop that looks for no signal ends with the process, which writes where its threads are.
+    A loop without signal checks ends with the process, which writes the places of its threads.
     """
 
     def give_up(*_: object) -> None:
@@ -127,7 +127,7 @@ def _now() -> str:
 
 
 def versions() -> dict[str, str]:
-    """Of the program, its protocol, and what it stands on."""
+    """Versions of the program, its protocol, and its libraries."""
     found = {name: version(name) for name in ("msgpack", "pyzmq")}
     found |= {"python": platform.python_version(), "libzmq": zmq.zmq_version()}
     return found | {"protocol": ".".join(map(str, PROTOCOL_VERSION))}

@@ -1,4 +1,4 @@
-"""The ranks of a solver, their rivals and their mesh: from an action to the request that it stands for."""
+"""The ranks of a solver, their rivals and their mesh: they turn an action into a request."""
 
 from dataclasses import replace
 from typing import Any
@@ -48,7 +48,7 @@ def _part(whole: PartitionMesh, cells: NDArray[np.int64]) -> PartitionMesh:
 
 
 def uploads_of(mesh: PartitionMesh, partitions: int) -> list[dict[str, Any]]:
-    """What is uploaded, the nodes last: a mesh that lacks a part is refused."""
+    """The uploads, nodes last: a mesh with a missing part is refused."""
     parts = [{"item": "patch", "name": n, "role": p.role, "rows": p.nodes[:, None]} for n, p in mesh.patches.items()]
     parts += [{"item": "cells", "name": "triangle", "rows": mesh.cells["triangle"]}]
     parts += [{"item": "global_ids", "rows": mesh.global_ids[:, None]}] if partitions > 1 else []
@@ -85,7 +85,7 @@ class Ranks:
         self._connections[partition] += 1
 
     def control(self, kind: Any, action: Action, **fields: Any) -> Asked:
-        """A request to the control endpoint; by the owner unless the twist names somebody else."""
+        """A request to the control endpoint, from the owner unless the twist names another user."""
         self._others += 1
         user = action.twist if action.twist in OTHERS else "owner"
         message = kind(client=OTHERS.get(user, _OWNER), sequence=self._others, **fields)
@@ -96,7 +96,7 @@ class Ranks:
         return self.control(kind, action, session=model.session, token=token)
 
     def request(self, action: Action, model: SessionModel) -> Asked | None:
-        """The request to the data endpoint that an action stands for, None if it makes no sense now."""
+        """The request to the data endpoint for an action; None if it makes no sense now."""
         p, twist, kind = action.partition, action.twist, action.operation
         if twist in ("again", "other"):
             return self._repeat(action, model)
@@ -116,7 +116,7 @@ class Ranks:
         return Asked(kind, user, peer, message, wrong, far=twist == "far")
 
     def derivative(self, kind: Any, partition: int, model: SessionModel) -> Asked:
-        """TANGENT or COTANGENT of a partition, where the session is; by a client of its own, which counts by itself."""
+        """TANGENT or COTANGENT of a partition at the session's step, from a separate client with its own count."""
         self._others += 1
         what = "trial" if model.state == "TRIAL" else "committed"
         given = (
@@ -146,12 +146,12 @@ class Ranks:
         return mesh.global_ids[np.sort(mesh.patches["left"].nodes)]
 
     def _velocity(self, partition: int) -> NDArray[np.float64]:
-        """(k, 2), the same from every partition."""
+        """(k, 2) vectors, the same from every partition."""
         node = self._moving(partition)
         return np.stack([np.cos(node), np.sin(3.0 * node)], axis=1)
 
     def _weights(self, partition: int) -> NDArray[np.float64]:
-        """(n, 2), of each partition its own."""
+        """(n, 2) weights, different in each partition."""
         points = self._meshes[partition].points
         return np.stack([np.sin(partition + 5.0 * points[:, 1]), points[:, 0] - partition], axis=1)
 
@@ -179,13 +179,13 @@ class Ranks:
         return {"outcome": "discard" if twist == "discard" else "keep"} if kind == "CLOSE" else {}
 
     def _part(self, action: Action, known: int) -> dict[str, Any]:
-        """The next part of the mesh; once all is known the cells again, which spoils it."""
+        """The next part of the mesh; after the last part the cells again, which makes the mesh invalid."""
         parts = self._uploads[action.partition]
         part = parts[known] if known < len(parts) else next(x for x in parts if x["item"] == "cells")
         return part | ({"rows": part["rows"][:, [0] * 7]} if action.twist == "rows" else {})
 
     def _displacement(self, action: Action) -> NDArray[np.float64]:
-        """(k, 2): a little; or across the whole mesh; or of a node more than there is."""
+        """(k, 2) displacement: small, across the whole mesh, or with one row too many."""
         mesh = self._meshes[action.partition]
         y = mesh.points[np.sort(mesh.patches["left"].nodes), 1]
         if action.twist == "rows":
@@ -194,7 +194,7 @@ class Ranks:
         return rows + np.array([3.0, 0.0]) if action.twist == "far" else rows
 
     def _repeat(self, action: Action, model: SessionModel) -> Asked | None:
-        """An earlier request of this kind of the partition's, or its number with another content."""
+        """An earlier request of this kind from the partition, or its number with other content."""
         book, waiting = model.book(bytes([action.partition + 1]) * 16), model.waiting.get(action.partition)
         entries = [entry for entry in book.entries if entry.kind == action.operation and book.is_clear(entry)]
         if entries:
@@ -218,7 +218,7 @@ def _step(action: Action, model: SessionModel) -> int:
 
 
 def _with_other_content(message: Any) -> Any:
-    """The same number and address, another step; or another request altogether."""
+    """The same number and address with another step, or another request altogether."""
     if hasattr(message, "step"):
         return replace(message, step=message.step + 1)
     names = ("client", "sequence", "session", "epoch", "partition")

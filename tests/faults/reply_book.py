@@ -8,9 +8,9 @@ from typing import Any
 class Entry:
     """A request that was answered.
 
-    ``executed``: else it was refused, and a repeat is tried again; ``known``: else the server has been restarted since
-    and does not know of it: only of COMMITs; ``type``, ``fields``, ``reply`` (str, dict, Message or None): of the
-    reply; its fields are known beforehand, the whole once it has come.
+    ``executed``: if False, it was refused, and a repeat is tried again; ``known``: if False (COMMITs only), the server
+    was restarted since and has forgotten it; ``type``, ``fields``, ``reply`` (str, dict, Message or None): of the
+    reply; its fields are known before, the whole reply after it came.
     """
 
     sequence: int
@@ -30,7 +30,7 @@ class Entry:
 class Book:
     """One client's requests.
 
-    ``kept``: how many replies the server keeps.
+    ``kept``: number of replies that the server keeps.
     """
 
     def __init__(self, kept: int) -> None:
@@ -43,7 +43,7 @@ class Book:
         self.entries.append(entry)
 
     def restart(self) -> None:
-        """Of what is not durable nothing is known any more."""
+        """Forget everything that is not durable."""
         for entry in self.entries:
             entry.known = entry.known and entry.executed and entry.kind == "COMMIT"
 
@@ -52,7 +52,7 @@ class Book:
             entry.known = entry.known and entry.fields.get("step", 0) <= step
 
     def verdict(self, sequence: int, content: Any) -> Entry | str:
-        """The entry whose reply is due, the code of a refusal, or ``""``: execute it."""
+        """The entry with the expected reply, the code of a refusal, or ``""`` to execute the request."""
         entry = next((entry for entry in self.entries if entry.sequence == sequence), None)
         if entry is None:
             return ""
@@ -64,7 +64,7 @@ class Book:
         return "ABORTED.STALE" if self._surely_dropped(entry) else ""
 
     def _later(self, entry: Entry) -> list[Entry]:
-        """What the server has answered since, and knows of."""
+        """Replies of the server since then that it remembers."""
         return [other for other in self.entries[self.entries.index(entry) + 1 :] if other.known]
 
     def _surely_dropped(self, entry: Entry) -> bool:
@@ -72,7 +72,7 @@ class Book:
         return len(later) >= self._kept + (not entry.known)
 
     def is_clear(self, entry: Entry) -> bool:
-        """Whether SPEC.md leaves no choice in what a repeat is answered: refused requests may count as kept or not."""
+        """Whether SPEC.md allows only one answer to a repeat: refused requests may count as kept or not."""
         if entry.known:
             return len(self._later(entry)) < self._kept or self._surely_dropped(entry)
         return sum(other.known for other in self.entries) <= self._kept or self._surely_dropped(entry)

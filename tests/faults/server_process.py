@@ -1,4 +1,4 @@
-"""A whole server in processes of its own, which end with this one: started, ended, killed and started again."""
+"""A whole server in separate processes, which end with this one: started, stopped, killed and started again."""
 
 import contextlib
 import json
@@ -27,16 +27,16 @@ _ROOM = 2 << 30
 
 
 class ServerProcess:
-    """``mesh-motion serve``, as it is installed; as a context it is started, and stopped at the end.
+    """The installed ``mesh-motion serve``; as a context manager it is started, and stopped at the end.
 
-    Started again it has the same endpoint and the same sessions.
+    After a second start it has the same endpoint and the same sessions.
 
-    ``folder``: for the sessions and the log; made if it is not there; ``level`` ({"debug", "info", "warning",
-    "error"}): of the log; ``environment``: what its processes get in addition to ours; ``pass_fds``: file descriptors
-    that it inherits; ``settings``: of :class:`~mesh_motion_server.settings.ServerSettings`, plain values; by default
-    one thread and a free port of 127.0.0.1. ``state``: the sessions, unless ``state_folder`` says otherwise;
-    ``log_path``: the logs of all its lives, JSON lines; ``output_path``: what its latest life has written on standard
-    output; ``ready_file``: is there while clients may connect; ``announced``: what that file said at the latest start.
+    ``folder``: folder for the sessions and the log; made if missing; ``level`` ({"debug", "info", "warning", "error"}):
+    level of the log; ``environment``: additional environment variables of its processes; ``pass_fds``: inherited file
+    descriptors; ``settings``: of :class:`~mesh_motion_server.settings.ServerSettings`, plain values; by default one
+    thread and a free port of 127.0.0.1. ``state``: folder of the sessions, unless ``state_folder`` is given;
+    ``log_path``: the logs of all runs, JSON lines; ``output_path``: standard output of the last run; ``ready_file``:
+    exists while clients may connect; ``announced``: content of that file at the last start.
     """
 
     def __init__(
@@ -61,7 +61,7 @@ class ServerProcess:
 
     @property
     def endpoint(self) -> str:
-        """Where it listens; the port is known after the first start."""
+        """Its endpoint; the port is known after the first start."""
         return str(self.settings["endpoint"])
 
     @property
@@ -93,12 +93,12 @@ class ServerProcess:
         return {pid for pid in descendants(self.process.pid) if name_of(pid) == "mesh-worker"}
 
     def worker_of(self, session: str) -> int:
-        """Process id of a session's newest worker, by the log."""
+        """Process id of a session's newest worker, from the log."""
         at_work = [event for event in self.events("worker_started") if event["session"] == session]
         return int(at_work[-1]["worker"])
 
     def kill_worker(self, session: str) -> None:
-        """SIGKILL to a session's worker; the log may show a new one a moment after the client knows."""
+        """Send SIGKILL to a session's worker; the log may show a new worker a moment after the client knows it."""
 
         def killed() -> bool:
             with contextlib.suppress(ProcessLookupError):
@@ -109,7 +109,7 @@ class ServerProcess:
         wait_until(killed, f"the worker of session {session} is killed")
 
     def events(self, *names: str) -> list[dict[str, Any]]:
-        """What the log says in whole lines, of these events or of all."""
+        """Whole lines of the log, for these events or for all."""
         lines = self.log_path.read_text(encoding="utf-8", errors="replace").splitlines()
         events = [json.loads(line) for line in lines if line.startswith("{") and line.endswith("}")]
         return [event for event in events if not names or event.get("event") in names]
@@ -120,7 +120,7 @@ class ServerProcess:
     # --- its lives ---------------------------------------------------------------------------------------------------
 
     def command(self, ready: Path) -> list[str]:
-        """What Python is to run; it writes ``ready`` when clients may connect."""
+        """Arguments for Python; the program writes ``ready`` when clients may connect."""
         file = self.folder / "settings.toml"
         lines = [f"{name} = {json.dumps(value)}\n" for name, value in self.settings.items()]
         file.write_text("".join(lines), encoding="utf-8")
@@ -130,7 +130,7 @@ class ServerProcess:
     def start(self) -> Self:
         """Start it and wait until clients may connect.
 
-        Raises BrokenPromise if that does not come about; it has ended then.
+        Raises BrokenPromise if clients cannot connect in time; the server has then ended.
         """
         self.launch()
         self.wait_ready()
@@ -166,7 +166,9 @@ class ServerProcess:
         self.settings["endpoint"] = self.announced["endpoint"]
 
     def stop(self, how: int = signal.SIGTERM) -> int | None:
-        """End it, by a drain or by this signal; its exit status, None if it was never started. Idempotent."""
+        """End the server, by a drain or with this signal; return its exit status, None if it was never started.
+        Idempotent.
+        """
         if self._process is None:
             return None
         if self.runs:
@@ -179,7 +181,7 @@ class ServerProcess:
         return self._process.returncode
 
     def kill(self) -> None:
-        """SIGKILL to the supervisor, and wait for its children, who end with it."""
+        """Send SIGKILL to the supervisor, and wait for its children, which end with it."""
         if self._process is None:
             return
         children = descendants(self._process.pid) - {self._process.pid}
@@ -215,6 +217,6 @@ def make_keys(folder: Path, name: str = "prover") -> Keys:
 
 
 def memory_folder() -> str | None:
-    """Where files cost no disk, for rows that are not about it; None where the system has no such place."""
+    """A folder in memory for rows that do not test the disk; None if the system has none."""
     folder = Path("/dev/shm")
     return str(folder) if os.access(folder, os.W_OK) and shutil.disk_usage(folder).free > _ROOM else None

@@ -1,8 +1,8 @@
-"""What a session has to do, written once more from SPEC.md: a few values and rules, no journal, no numerics.
+"""The behaviour of a session, written a second time from SPEC.md: a few values and rules, no journal, no numerics.
 
-The model is asked the same requests as a server, in the same order, and says which replies are due; it learns what
-happens to its process and its disk. Coordinates it has from the replies themselves, by the rule that a displacement and
-the coordinates of its frame add up to the server's bits (section 7); the digest of a committed state it takes from them
+The model gets the same requests as a server, in the same order, and gives the expected replies; it also gets the
+accidents of its process and its disk. It takes coordinates from the replies: the displacement plus the coordinates of
+its frame must give the server's bits (section 7); from these coordinates it computes the digest of a committed state
 (section 16).
 """
 
@@ -25,7 +25,7 @@ Points = list[NDArray[np.float64]]
 
 @dataclass(frozen=True)
 class Snapshot:
-    """What may be found after a crash: a step, its coordinates, and the COMMITs that made it, with its digest."""
+    """A possible state after a crash: a step, its coordinates, and the COMMITs that made it, with its digest."""
 
     step: int
     committed: Points
@@ -61,7 +61,7 @@ class SessionModel:
 
     @property
     def built(self) -> bool:
-        """Whether BUILT was answered, or a RESUME has found that it should have been."""
+        """Whether BUILT was sent, or a RESUME has shown that BUILD was executed."""
         return bool(self.committed)
 
     @property
@@ -83,7 +83,7 @@ class SessionModel:
         return [p for p in range(len(self.shares)) if p not in self.waiting] if self.waiting else []
 
     def admits(self, operation: str) -> bool:
-        """The cell of section 8's table; it is now visited."""
+        """The cell of section 8's table; it is marked as visited."""
         self.visited.add((self.state, operation))
         return operation in ADMITTED[self.state].split()
 
@@ -100,7 +100,7 @@ class SessionModel:
     # --- what becomes of it ------------------------------------------------------------------------------------------
 
     def learn_durable(self, reply: Any) -> None:
-        """Section 21: it never goes back, and is the last step unless the level is "relaxed"."""
+        """Section 21: the durable step never decreases, and is the last step unless the level is "relaxed"."""
         durable = getattr(reply, "durable_step", reply.step)
         least = self.durable_step if self.level == "relaxed" else self.step
         require(
@@ -111,12 +111,12 @@ class SessionModel:
         self.may_be_found = [s for s in self.may_be_found if s is None or s.step >= durable]
 
     def all_is_durable(self) -> None:
-        """Unless the disk has failed: then CLOSED or RESUMED says what is durable."""
+        """Not after a failure of the disk: then CLOSED or RESUMED gives the durable step."""
         if self.built and self.state not in ("FROZEN", "FAILED"):
             self.durable_step, self.may_be_found = self.step, [Snapshot(self.step, self.committed)]
 
     def end(self, *, discard: bool) -> None:
-        """The worker has ended as it should; what is built stays."""
+        """The worker has ended normally; a built mesh stays."""
         if discard or not self.built:
             self.may_be_found = [None]
         self.forget()
@@ -124,7 +124,7 @@ class SessionModel:
         self.waiting = {}
 
     def forget(self) -> None:
-        """What no worker knows any more; a trial may have been lost, for all that the next one knows."""
+        """Values that no worker knows any more; the next worker cannot know whether a trial was lost."""
         self.lost = "surely" if self.trial or self.lost == "surely" else "perhaps"
         for book in self.books.values():
             book.restart()
@@ -163,7 +163,7 @@ class SessionModel:
         return Answer(asked, kind, fields=fields, effect=keep)
 
     def refuse_all(self, all_asked: Sequence[Asked], *codes: str) -> list[Answer]:
-        """They are refused alike, and tried again when they are repeated."""
+        """All of them are refused, and a repeat is tried again."""
         for asked in all_asked:
             entry = Entry(asked.message.sequence, asked.content, executed=False, kind=asked.kind)
             self.book(asked.message.client).enter(entry, asked)
@@ -172,7 +172,7 @@ class SessionModel:
     # --- requests to the data endpoint -------------------------------------------------------------------------------
 
     def ask(self, asked: Asked, fault: str = "") -> list[Answer]:
-        """The replies that are due because of a request, while a fault happens: disk, defect, crash."""
+        """Expected replies to a request during a fault of disk, server or power."""
         refusal = self._gate(asked)
         if refusal is not None:
             return [refusal]
@@ -184,7 +184,7 @@ class SessionModel:
         return answer
 
     def _gate(self, asked: Asked) -> Answer | None:
-        """Who asks, of what, under which epoch, on which connection."""
+        """Check sender, session, epoch and connection."""
         message, state = asked.message, None
         may, code = OTHERS.get(asked.user, (asked.kind, ""))
         if asked.kind not in may.split():
@@ -285,7 +285,7 @@ class SessionModel:
         return [self.executed(asked, "UPLOADED")]
 
     def _collective(self, asked: Asked, fault: str) -> list[Answer]:
-        """Section 9: own faults, those who wait, and when all have come."""
+        """Section 9: faults of one partition, waiting partitions, and the complete collective request."""
         p, others = asked.message.partition, {q: a for q, a in self.waiting.items() if q != asked.message.partition}
         codes = (*asked.wrong, *self._wrong_step(asked))
         if not self.admits(asked.kind):
@@ -342,7 +342,7 @@ class SessionModel:
         return bool(np.array_equal(given, given[first][inverse]))
 
     def _take_motion(self, asked: Asked, inputs: Any, reply: Any) -> None:
-        """Section 7: a pure function, displacements as prescribed, and a sum that is the server's coordinates."""
+        """Section 7: a pure function; prescribed displacements, and sums equal to the server's coordinates."""
         p, share = asked.message.partition, self.shares[asked.message.partition]
         base = share.points if asked.message.frame == "reference" else self.committed[p]
         require(
@@ -372,7 +372,7 @@ class SessionModel:
         return [self.executed(asked, "COMMITTED", self.learn_durable, **about) for asked in all_asked]
 
     def _commit_relaxed(self, all_asked: Sequence[Asked], after: Snapshot, fault: str) -> list[Answer]:
-        """Answered at once; what is behind the last durable step that a reply gave may be lost."""
+        """Answered at once; steps after the last durable step of a reply may be lost."""
         self.state, self.iteration, self.trial = "READY", 0, []
         self.step, self.committed = after.step, after.committed
         self.may_be_found = [*self.may_be_found, replace(after, commits=())]
@@ -400,7 +400,7 @@ class SessionModel:
         return abandoned
 
     def time_out(self) -> list[Answer]:
-        """Those who wait for partitions have waited long enough."""
+        """The requests that wait for other partitions have reached their time limit."""
         return self.abandon("DEADLINE_EXCEEDED")
 
     def ends(self) -> None:
@@ -409,7 +409,7 @@ class SessionModel:
         self.end(discard=False)
 
     def crashes(self, worker: str) -> None:
-        """The process is gone; PROBE will say this of it."""
+        """The process has ended; PROBE gives this worker state."""
         self.state, self.worker, self.unreported = "", worker, False
         self.joined, self.waiting = {}, {}
         self.forget()
@@ -418,7 +418,7 @@ class SessionModel:
     # --- RESUME and PROBE --------------------------------------------------------------------------------------------
 
     def gate_control(self, asked: Asked) -> Answer | None:
-        """Who asks, with which token, of a session that is there."""
+        """Check sender and token for an existing session."""
         may, code = OTHERS.get(asked.user, (asked.kind, ""))
         if asked.kind not in may.split():
             return self.refuse(asked, code, state="")
@@ -452,7 +452,7 @@ class SessionModel:
             self.lost = "surely" if self.lost == "surely" else "perhaps"
 
     def _found(self, reply: Any) -> None:
-        """From the journal, or not at all."""
+        """RESUME from the journal, or a refusal."""
         if reply.type == "ERROR":
             self.may_be_found, self.worker = [None] if reply.code == "NOT_FOUND" else self.may_be_found, "none"
             return
@@ -466,7 +466,7 @@ class SessionModel:
         self._adopt(snapshot)
 
     def _adopt(self, snapshot: Any) -> None:
-        """It was this one that was durable; if a COMMIT made it, that COMMIT was executed."""
+        """This state was durable; if a COMMIT made it, that COMMIT was executed."""
         self.durable_step = snapshot.step
         for book in self.books.values():
             book.forget_steps_after(snapshot.step)

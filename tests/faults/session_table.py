@@ -1,4 +1,4 @@
-"""What may be asked of a session in which state, and by whom: sections 8 and 20 of SPEC.md, as tables."""
+"""Allowed requests by state and by sender: sections 8 and 20 of SPEC.md as tables."""
 
 #: The columns of section 8's table, without JUDGE and CORRECT, since the server judges the cells of these sessions,
 #: and without TANGENT and COTANGENT, which change nothing: they are played after other requests (:mod:`.played`).

@@ -1,13 +1,13 @@
-"""Steps without end: memory, descriptors, threads and files of every process stay what they were.
+"""Very many steps: memory, descriptors, threads and files of every process must not grow.
 
-A client process moves three sessions over the real wire (:mod:`.soak_client`), in portions; between two of them the
-resident memory of supervisor, gateway, each session's worker and the client is read. A leak is a slope of the second
+A client process moves three sessions over real sockets (:mod:`.soak_client`), in portions; after each portion the
+resident memory of supervisor, gateway, each session's worker and the client is read. A leak is a slope in the second
 half: that of Theil and Sen, the median of the slopes between all pairs of readings, which single jumps do not disturb.
 
-What a process takes up is read in pages and pools of some kilobytes, so that few steps show large leaks only: a slope
-counts from 1 MB in 100 000 steps on, or from what the resolution of the readings makes of the steps that were fitted.
-Two tables are bounded by a number of entries: the control requests of a server and the clients of a session that are
-remembered, 1024 of each and about 1 MB. Until they are full, a slope counts from 4 MB in 100 000 steps on.
+Memory is read in pages and pools of some kilobytes, so few steps show large leaks only: a slope counts from 1 MB in 100
+000 steps on, or from the smallest slope that the resolution shows in the fitted steps. Two tables have a largest number
+of entries: the remembered control requests of a server and the remembered clients of a session, 1024 of each and about
+1 MB. Until they are full, a slope counts from 4 MB in 100 000 steps on.
 """
 
 import contextlib
@@ -56,10 +56,10 @@ class Reading:
 
 
 class Soak:
-    """A server and a client under way.
+    """A running server and client.
 
     ``readings``: by process: "supervisor", "gateway", "template", "client", and the workers of the three sessions;
-    ``stored``: bytes of the state folder at each reading; ``done``: what the client has done, by name.
+    ``stored``: bytes of the state folder at each reading; ``done``: counts of the client's work, by name.
     """
 
     def __init__(self, folder: Path, seed: int) -> None:
@@ -82,7 +82,7 @@ class Soak:
             raise
 
     def _name(self, before: set[int]) -> dict[str, int]:
-        """Processes that stay: the template, which is the oldest of its kind, and those of the three sessions."""
+        """Processes that stay: the template, which is the oldest of its kind, and the workers of the three sessions."""
         template, *workers = sorted(before | self._server.workers(), key=lambda pid: psutil.Process(pid).create_time())[
             :4
         ]
@@ -134,7 +134,7 @@ def _files(folder: Path) -> Iterator[Path]:
 
 
 def allowed_slope(first: int, last: int) -> float:
-    """The smallest growth in bytes a step that readings between these steps can show, the target at least."""
+    """The smallest growth in bytes per step that readings between these steps can show; at least the target."""
     least = _TARGET_SLOPE if first >= _FULL_AFTER else _FILLING_SLOPE
     return max(least, _RESOLUTION / max(1, last - first))
 
@@ -148,13 +148,15 @@ def _fitted(readings: Sequence[Reading]) -> tuple[int, int]:
 
 
 def _slope_of(readings: Sequence[Reading]) -> float:
-    """Bytes a step in the second half: the median of the slopes between all pairs (Theil 1950, Sen 1968)."""
+    """Growth in bytes per step in the second half: the median of the slopes between all pairs (Theil 1950, Sen
+    1968).
+    """
     half = _half(readings)
     return float(theilslopes([reading.resident_bytes for reading in half], [reading.steps for reading in half])[0])
 
 
 def judge(readings: dict[str, list[Reading]], stored: Sequence[int]) -> dict[str, float]:
-    """The slope of each process's memory in its second half, bytes a step.
+    """The slope of each process's memory in its second half, bytes per step.
 
     Raises BrokenPromise if one is too steep, or descriptors, threads or files grow.
     """

@@ -1,8 +1,8 @@
-"""Steps as long as they are asked for, over a pipe of multiprocessing.
+"""Makes steps while they are requested over a pipe of multiprocessing.
 
-Three sessions are held: one by the Python client, one by hand, whose requests are often sent twice and whose
-connection is cut often, and one with the real numerics. Steps are made in random order over the three. Meanwhile
-holders rejoin and resume, sessions are opened and discarded, closed and resumed, lists and reports are asked for.
+It holds three sessions: one with the Python client, one with its own code that often repeats requests and cuts its
+connection, and one with the real numerics. Steps are made in random order over the three. Meanwhile holders rejoin and
+resume, sessions are opened and discarded, closed and resumed, and lists and reports are requested.
 """
 
 import contextlib
@@ -33,9 +33,9 @@ _OPEN_SECONDS = 300.0
 
 
 class Soaker:
-    """The three sessions and what is done with them.
+    """The three sessions and the work with them.
 
-    ``done``: what was done, by name.
+    ``done``: counts of the work, by name.
     """
 
     def __init__(self, endpoint: str, seed: int) -> None:
@@ -52,7 +52,7 @@ class Soaker:
         )
 
     def rehearse(self) -> None:
-        """Everything once and some steps: what is loaded or made once is there before memory is looked at."""
+        """Do everything once and make some steps: then all modules and caches exist before memory is measured."""
         for act in (self._short_lived, self._short_lived, self._rejoin, self._resume, self._look, self._real_step):
             act()
         for _ in range(_REHEARSED):
@@ -79,7 +79,7 @@ class Soaker:
 
     def _client_step(self) -> None:
         session = self._client
-        # The first iteration's rows come last: those are what the next step undoes, and the boundary stays where it is.
+        # The first iteration's rows come last: the next step undoes them, so the boundary stays in place.
         for iteration in range(self.random.choice((1, 1, 1, 2)), 0, -1):
             rows = seeded_rows(1, session.step + 1, iteration, len(session.moving_nodes))
             session.move(rows, frame="committed")
@@ -108,13 +108,13 @@ class Soaker:
         self._replace(self._server.resume(self._client.credentials))
 
     def _replace(self, session: Session) -> None:
-        """A new session object instead of the old one, which has nothing left to say."""
+        """A new session object replaces the old one."""
         old, self._client = self._client, session
         with contextlib.suppress(MeshMotionError):
             old.close()
 
     def _short_lived(self) -> None:
-        """A session that comes and goes; some rest in between."""
+        """Open and end a session; sometimes it rests in between."""
         holder = SeededHolder(self._there, self.done["short-lived sessions"])
         holder.open(label="short-lived")
         holder.move()
@@ -139,7 +139,9 @@ class Soaker:
 
 
 def main(endpoint: str, seed: int, line: Connection) -> None:
-    """As many steps as each message says, and what was done by then; the last one says why there are no more."""
+    """Make the number of steps that each message gives, and return the counts; the last message gives the reason of the
+    end.
+    """
     end_with_parent()
     try:
         soaker = Soaker(endpoint, seed)

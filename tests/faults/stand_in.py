@@ -1,4 +1,4 @@
-"""A small mesh and a tiny model, so that sessions are proved without the compiled numerics."""
+"""A small mesh and a tiny model, so that sessions are tested without the compiled numerics."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _FARTHEST = 1e30
 
 @dataclass(frozen=True)
 class Correction:
-    """What the stand-in's motion says about its correction."""
+    """The stand-in's report of its correction."""
 
     method: str = "none"
     enrichment_points: Any = ()
@@ -34,7 +34,7 @@ class Correction:
 
 
 class StandIn:
-    """Inverse-distance interpolation: a pure function that depends on node order only through the sums' order."""
+    """Inverse-distance interpolation: a pure function that depends on node order only through the order of sums."""
 
     def __init__(self, points: Any, cells: CellTable, patches: Mapping[str, Patch], method: Method) -> None:
         self.points, self.cells = points, cells
@@ -71,7 +71,7 @@ class StandIn:
         return Headroom(math.inf, math.inf, 0)
 
     def why_no_slope(self) -> None:
-        """Nothing: weights that do not change are a derivative."""
+        """Returns None: the constant weights are a derivative."""
 
     def slope(self, points: Any, factors: Any) -> Any:
         moving = self.roles.moving
@@ -136,7 +136,7 @@ def grid_mesh(count: int = 5) -> PartitionMesh:
 
 
 def split_mesh(whole: PartitionMesh, parts: int, seed: int = 0) -> list[PartitionMesh]:
-    """Cells dealt out at random; every partition numbers its nodes in an order of its own."""
+    """Distribute cells at random; every partition numbers its nodes in its own order."""
     random = np.random.default_rng(seed)
     cells = np.asarray(whole.cells["triangle"])
     owner = random.integers(0, parts, len(cells))

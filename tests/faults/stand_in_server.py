@@ -1,7 +1,7 @@
 """A whole server whose workers compute with the stand-in: quick to start, kill and ask.
 
 ``python -m tests.faults.stand_in_server SETTINGS_JSON READY_FILE LEVEL`` runs it; :class:`StandInServer` starts that
-and knows its processes. Everything but the numerics is what ``mesh-motion serve`` runs.
+and knows its processes. Everything except the numerics is that of ``mesh-motion serve``.
 """
 
 import json

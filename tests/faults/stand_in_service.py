@@ -1,4 +1,4 @@
-"""The real session host and store with the stand-in's arithmetic: what a worker of :mod:`.stand_in_server` loads.
+"""The real session host and store with the stand-in's arithmetic, for a worker of :mod:`.stand_in_server`.
 
 A session whose label begins with ``real`` has the real numerics.
 """

@@ -1,12 +1,13 @@
-"""Random lives of a session, played at the server and at a model of it made from SPEC.md: they never differ.
+"""Random action sequences of a session, played on the server and on a model of it made from SPEC.md: the two never
+differ.
 
-A life is a sequence of actions (:mod:`.actions`): requests of one to three partitions, right and wrong ones, repeats,
-other users, ends of leases, kills, power cuts, failing disks. Actions are drawn so that the session gets on, and with a
-preference for cells of the state × operation table that were not visited yet. A sequence that fails is shortened until
-nothing more can be left out, and can be played again: ``replay("partitions=2 level=full …")``.
+A sequence consists of actions (:mod:`.actions`): requests of one to three partitions, correct and wrong ones, repeats,
+other users, ends of leases, kills, power cuts, failing disks. Actions are drawn so that the session makes progress,
+with a preference for unvisited cells of the state × operation table. A failing sequence is shortened until no action
+can be removed, and can be played again: ``replay("partitions=2 level=full …")``.
 
-The generator is this module's own: it prefers cells that no earlier life has visited, which hypothesis, whose examples
-depend on nothing but their draws, cannot; a hundred lives visit them all.
+The module has its own generator: it prefers cells that no earlier sequence has visited. Hypothesis cannot do this,
+because its examples depend only on their draws; a hundred sequences visit all cells.
 """
 
 from __future__ import annotations
@@ -68,7 +69,7 @@ def replay(text: str) -> None:
 
 @dataclass
 class Life:
-    """A sequence and what it is played with: partitions, level of durability, the numerics or the stand-in."""
+    """A sequence and its parameters: partitions, level of durability, the numerics or the stand-in."""
 
     partitions: int
     level: str
@@ -100,7 +101,7 @@ class Life:
         return False
 
     def grow(self, protection: Protection, random: Random, visited: Visited) -> int:
-        """Draw actions, and play each; how many requests and accidents that were."""
+        """Draw actions, and play each; return the number of requests and accidents."""
         played = begin(protection, self.partitions, self.level, real=self.real)
         played.visited = played.model.visited = visited
         for _ in range(_LENGTH):
@@ -110,7 +111,7 @@ class Life:
         return played.operations
 
     def shortened(self, protection: Protection, *, tries: int = 400) -> Life:
-        """With all actions left out that can be, in ever smaller pieces, so that it still fails."""
+        """Remove all actions that are not needed for the failure, in ever smaller pieces."""
         life, piece = self, len(self.actions)
         while piece:
             start = 0
@@ -126,14 +127,14 @@ class Life:
 
 
 def nth_life(seed: int, number: int) -> tuple[Life, Random]:
-    """The life of this number, not begun, and what its actions are drawn from."""
+    """The sequence of this number, not begun, and the source of its actions."""
     random = Random(f"state machine {seed} {number}")
     real = number % _REAL_EVERY == _REAL_EVERY - 1
     return Life(random.choice((1, 1, 2, 2, 3)), random.choice(LEVELS), real=real), random
 
 
 def next_action(played: Played, random: Random) -> Action:
-    """What brings the session on, or visits a new cell, or anything."""
+    """Choose an action that makes progress, or visits a new cell, or any action."""
     model = played.model
     dice, value = random.random(), random.randrange(33)
     if dice < 0.45:
@@ -167,7 +168,7 @@ def _onward(played: Played, random: Random, value: int) -> Action:
 
 
 def _towards(model: Any, random: Random) -> Action | None:
-    """An accident that leads to a state which was not asked everything yet."""
+    """An accident that leads to a state in which not all requests were tested."""
     ways = {"SUSPENDED": Action("LEASE_END"), "CLOSED": Action("STOP")} if model.worker == "alive" else {}
     if model.state == "TRIAL":
         ways |= {"FROZEN": Action("COMMIT", ALL, "disk", random.randrange(4))}
@@ -179,14 +180,14 @@ def _towards(model: Any, random: Random) -> Action | None:
 
 
 def _visiting(state: str, operation: str, value: int) -> Action:
-    """Asked by all: the last one decides."""
+    """A request of all partitions: the last one decides."""
     if operation == "RESUME":
         return Action("RESUME", 0, "host" if state in ("CLOSED", "FROZEN", "FAILED") else "", value)
     return Action(operation, 0 if operation in ("LEASE_END", "CLOSE") else ALL, "", value)
 
 
 def _with_story(life: Life, protection: Protection, error: Exception, found: Sequence[str]) -> Exception:
-    """The error of the shortest sequence that fails too, which it names."""
+    """The error of the shortest failing sequence; it names this sequence."""
     short = life.shortened(protection)
     try:
         short.play(protection)

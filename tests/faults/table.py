@@ -1,4 +1,4 @@
-"""All checks, in the order in which they are run: a new one is a module with a ``CHECK``, and a line here."""
+"""All checks, in the order of their run: a new check is a module with a ``CHECK``, and a line here."""
 
 from tests.faults import (
     attacked_server,

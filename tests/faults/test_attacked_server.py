@@ -1,4 +1,4 @@
-"""The row of attacks: a few of them, and servers that fall or keep something are found."""
+"""The row of attacks: a few attacks, and detection of servers that fail or keep something."""
 
 import os
 import subprocess

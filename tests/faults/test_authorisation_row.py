@@ -1,4 +1,6 @@
-"""The row of authorisation: all questions once, and servers that answer wrongly or reveal something to strangers."""
+"""The row of authorisation: all requests once, and detection of servers that answer wrongly or reveal data to
+strangers.
+"""
 
 import time
 from collections.abc import Callable, Iterator
@@ -65,7 +67,7 @@ def test_wrong_cells_are_found(seed: Seed, tmp_path: Path) -> None:
         "an allow list that is read once",
     )
     with stage(tmp_path) as made:
-        # as this server never looks again, the subject is what the list says at its start
+        # this server never reads the list again, so the subject has the roles of its start
         assert "UNAUTHENTICATED, got PONG" in found(made, Cell((), "PING", "control", True))
         assert "expected NOT_FOUND, got PROBED" in found(made, Cell(("owner",), "PROBE", "control", False))
     seed("a monitor may close", "an admin may not list", "statuses show places")

@@ -1,4 +1,4 @@
-"""Bad inputs are refused as their rows say, extreme ones are taken, and a server that checks less is found out."""
+"""Bad inputs are refused as their rows say, extreme ones are accepted, and a server with fewer checks is detected."""
 
 import math
 from collections import Counter

@@ -1,4 +1,4 @@
-"""The row of conformance: which cases, for whom, and what it says of servers and clients that are wrong."""
+"""The row of conformance: its choice of cases and programs, and its report about wrong servers and clients."""
 
 from random import Random
 

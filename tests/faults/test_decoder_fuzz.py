@@ -1,4 +1,4 @@
-"""The decoder's fuzz: it is repeatable and reaches far, and a decoder with a bug is found."""
+"""The decoder's fuzz: it is repeatable, reaches many cases, and detects a decoder with a bug."""
 
 from random import Random
 from typing import Any

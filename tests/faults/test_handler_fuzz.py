@@ -1,4 +1,4 @@
-"""The handlers' fuzz: it reaches every state and type, and handlers with bugs are found."""
+"""The handlers' fuzz: it reaches every state and type, and detects handlers with bugs."""
 
 import subprocess
 import sys
@@ -91,7 +91,7 @@ def gives_a_code_that_the_request_may_not_have(patch: Patch) -> None:
 
 
 def gives_a_detail_that_no_header_holds(patch: Patch) -> None:
-    """As it was once: behind the largest number there is none."""
+    """A former fault: no number follows the largest one."""
 
     def find(self: Any, request: Any) -> Any:
         client = self._clients.get(request.client)

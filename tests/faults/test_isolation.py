@@ -1,4 +1,4 @@
-"""The row of isolation: its judgement, servers that are not isolated, and the row itself once."""
+"""The row of isolation: its verdict, servers that are not isolated, and the row itself once."""
 
 import subprocess
 import sys

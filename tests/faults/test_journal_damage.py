@@ -1,4 +1,4 @@
-"""Damage to the journal: what the check sees, and that it sees a journal that believes."""
+"""Damage to the journal: the findings of the check, and detection of a journal that trusts damaged data."""
 
 import pytest
 from believing_journal import believe_every_slot
@@ -23,7 +23,7 @@ def test_every_kth_byte_of_each_file(level: str) -> None:
 
 
 def test_a_logged_commit_that_vanishes_with_its_last_byte_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Without a witness the damage to the last record looks like a write that a crash has torn."""
+    """Without a witness, damage to the last record looks like a write that a crash has cut."""
     contents = small_journal("replay")
     manifest = FOLDER / "manifest"
     assert damage(contents, manifest, STEPS * PAGE + 60, 3) == -1

@@ -1,4 +1,4 @@
-"""The row of many sessions: a few of them, and servers that mix them up or keep something of them."""
+"""The row of many sessions: a few sessions, and detection of servers that mix them up or keep data of them."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -81,6 +81,6 @@ def test_lists_and_limits_that_are_wrong_are_found(tmp_path: Path, monkeypatch: 
 
 
 def _ask_until_answered(made: Fleet) -> None:
-    """Ask a server that has room, as soon as its worker has ended."""
+    """Send a request to a server with room, right after its worker has ended."""
     while True:
         row.require_full(made)

@@ -1,4 +1,4 @@
-"""The row of named failpoints: what it found stays mended, and servers with a bug are found."""
+"""The row of named failpoints: its former findings stay repaired, and servers with a bug are detected."""
 
 import re
 from collections.abc import Callable, Iterator
@@ -83,7 +83,7 @@ def test_a_bug_is_found(
 
 
 def try_several_times(task: str, point: str, fault: str, hit: int) -> None:
-    """Each with a server of its own: which message the hit-th is depends on the machine as well."""
+    """Each test has its own server, because the message of passage number ``hit`` depends on the machine too."""
     for _ in range(4):
         with rig() as made, suppress(NotPassed):
             let_fail(made, task, point, fault, hit)

@@ -1,4 +1,4 @@
-"""The row of network faults: a few seeds, each kind by itself, and clients and servers with seeded bugs are found."""
+"""The row of network faults: a few seeds, each kind alone, and detection of clients and servers with seeded bugs."""
 
 import threading
 from collections.abc import Callable, Iterator
@@ -33,7 +33,7 @@ def bare(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Lane]:
 
 @pytest.fixture
 def patient(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Deadlines that a busy machine keeps, for faults that are not about time."""
+    """Deadlines that a busy machine meets, for faults that do not test time."""
     monkeypatch.setattr(network_driver, "_QUICK", 20.0)
 
 
@@ -71,7 +71,7 @@ def test_the_same_seed_makes_the_same_faults() -> None:
 
 
 def test_without_keys_a_turned_bit_goes_in_unnoticed(lane: Lane) -> None:
-    """Why this is promised with keys only; the strict judge sees it."""
+    """The reason why this is promised with keys only: the strict check detects it."""
     lane.network.arm([Fault("flip", "data", "in", FIRST, 0.9)])
     with pytest.raises(BrokenPromise, match="MOVED 1 of step 1 is another array"):
         lane.driver.step()
@@ -131,7 +131,7 @@ def test_a_client_that_ignores_its_deadline_is_found(lane: Lane, monkeypatch: py
 
 
 def wait_for_lanes() -> None:
-    """A call that was found not to return has returned, once it can."""
+    """A call that did not return in time returns when it can."""
     for thread in threading.enumerate():
         if thread.name.startswith("seeds of"):
             thread.join(30)
@@ -165,7 +165,7 @@ def test_a_resume_that_accepts_an_older_step_is_found(seed: Seed, tmp_path: Path
 
 @pytest.mark.nightly
 def test_with_keys_no_changed_byte_goes_in(tmp_path: Path) -> None:
-    """Whichever byte it is, of whichever unit, of the handshake too."""
+    """Any byte of any unit, also of the handshake."""
     with lanes(tmp_path, [1]) as (lane,):
         rng = Random("changed")
         for number in range(16):

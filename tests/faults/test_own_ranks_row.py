@@ -1,4 +1,4 @@
-"""The row of ranks that correct their own nodes: a seed, and a client that forgets the correction is found."""
+"""The row of ranks that correct their own nodes: a seed, and detection of a client that forgets the correction."""
 
 import pytest
 from mesh_motion_client import Session, volume

@@ -1,4 +1,4 @@
-"""The power-loss row: a seed repeats it, and its failure says where to look."""
+"""The power-loss row: a seed repeats it, and its failure names the place."""
 
 from typing import Any
 

@@ -99,7 +99,7 @@ def test_a_proof_that_was_cut_short_is_none(tmp_path: Path) -> None:
 
 
 def command_of(process: psutil.Process) -> str:
-    """Its command line; nothing of one that ends in this moment."""
+    """The command line of a process; empty if it ends at this moment."""
     try:
         return " ".join(process.cmdline())
     except (psutil.NoSuchProcess, psutil.ZombieProcess):
@@ -167,7 +167,7 @@ def test_the_command_runs_what_it_is_asked_for_and_fails_with_a_row(tmp_path: Pa
 
 def test_the_command_lists_and_refuses(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     def asked(**given: Any) -> Any:
-        """The options of pytest, as the command line has given them."""
+        """The options of pytest on the command line."""
         options = {f"--{name}": value for name, value in ({"only": []} | given).items()}
         return SimpleNamespace(getoption=lambda name, default=None: options.get(name, default))
 

@@ -1,4 +1,6 @@
-"""The rows themselves: ``python -m tests.faults``, or ``pytest -m faults``; they take minutes, and run only so."""
+"""The rows themselves: The rows: ``python -m tests.faults``, or ``pytest -m faults``; they take minutes, and run only
+on such a request.
+"""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""The row of soaking: some steps, and servers that keep memory, descriptors or replies."""
+"""The soak row: some steps, and detection of servers that keep memory, descriptors or replies."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -40,7 +40,7 @@ def test_replies_that_are_never_dropped_are_found(seed: Seed) -> None:
 
 
 class Still:
-    """A session of four moving nodes that adds up where its boundary is."""
+    """A session of four moving nodes that sums the positions of its boundary."""
 
     def __init__(self) -> None:
         self.moving_nodes, self.step = range(4), 0
@@ -58,7 +58,9 @@ class Still:
 
 
 def test_a_boundary_stays_where_it_is_however_long_the_soak() -> None:
-    """It walked away, by a random step of each second iteration, until the motion was refused after 10⁵ steps."""
+    """The boundary drifted away, by a random step in each second iteration, until the motion was refused after 10⁵
+    steps.
+    """
     soaker, still = object.__new__(Soaker), Still()
     soaker.random, soaker._client = Random(1), still  # type: ignore[assignment]
     for _ in range(2000):

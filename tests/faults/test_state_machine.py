@@ -1,4 +1,6 @@
-"""The state machine's row: it repeats by its seed, visits every cell, shortens what fails, and finds seeded bugs."""
+"""The state machine's row: it repeats with its seed, visits every cell, shortens failing sequences, and finds seeded
+bugs.
+"""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -35,7 +37,7 @@ NOT_PLAYED = {"JUDGE", "CORRECT", "TANGENT", "COTANGENT"}
 
 
 def test_the_models_table_is_that_of_spec() -> None:
-    """Written down twice: the model's from SPEC.md, and the server's, from which SPEC.md is rendered."""
+    """The table exists twice: the model's from SPEC.md, and the server's, from which SPEC.md is rendered."""
     assert list(ADMITTED) == [s.value for s in State]
     assert set(OPERATIONS) == {o.value for o in Operation} - NOT_PLAYED
     for row, operations in ADMITTED.items():
@@ -55,7 +57,7 @@ def test_a_seed_repeats_a_life(protection: Protection) -> None:
 
 @pytest.mark.parametrize("between", ["STOP/1//5 ", ""])
 def test_a_wish_to_discard_ends_with_its_epoch(between: str) -> None:
-    """Found by the row: the model went on with it; and so did the server, where the worker lived on."""
+    """A fault that the row found: the model continued with it, and so did the server with a living worker."""
     replay(
         "partitions=2 level=full numerics=stand-in JOIN/*//0 UPLOAD/*//29 UPLOAD/*//21 UPLOAD/*//31 UPLOAD/*//27 "
         f"BUILD/*//18 CLOSE/1/discard/21 {between}RESUME/0//31 JOIN/*//0 CLOSE/*//20"
@@ -63,7 +65,7 @@ def test_a_wish_to_discard_ends_with_its_epoch(between: str) -> None:
 
 
 def test_a_closed_session_stays_closed_when_its_lease_ends() -> None:
-    """Found by the row: behind a disk that had failed it became FROZEN."""
+    """A fault that the row found: after a failure of the disk it became FROZEN."""
     replay(
         "partitions=1 level=relaxed numerics=stand-in JOIN/*//0 UPLOAD/*//1 UPLOAD/*//2 UPLOAD/*//3 UPLOAD/*//4 "
         "BUILD/*//5 MOVE/*//6 BREAK/0//0 COMMIT/*//7 MOVE/*//8 CLOSE/*//9 LEASE_END/0//0"
@@ -148,7 +150,7 @@ def a_build_forgets_the_epoch(patch: Patch) -> None:
 
 
 def a_close_that_fails_has_closed(patch: Patch) -> None:
-    """CLOSE with "discard" on a disk that refuses was answered by an error, and the session was closed."""
+    """CLOSE with "discard" on a failing disk was answered with an error, and the session was closed."""
     honest = dispatch.SessionHost._delete_unless_kept
 
     def late(self: Any, *, discard: bool) -> None:

@@ -1,4 +1,4 @@
-"""Units of a connection: the same however its bytes come."""
+"""Units of a connection are the same for any division of its bytes."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""A coupled run that nothing disturbs, in this process: what every disturbed one is compared with."""
+"""An undisturbed coupled run in this process, the reference for all disturbed runs."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -26,7 +26,9 @@ def frames_of(message: Message) -> bytes:
 
 
 def to_and_fro(driver: Driver, number: int, factor: float = 1.0) -> list[Floats]:
-    """So small that the mesh is as good after ten thousand steps; each step's own, and back in the next."""
+    """Displacement so small that the mesh stays as good after ten thousand steps; each step has its own, and the next
+    step undoes it.
+    """
     sign = 0.01 if number % 2 else -0.01
     return [sign * factor * rows for rows in driver.displacement((number + 1) // 2)]
 
@@ -49,7 +51,7 @@ class Step:
 
 
 class Undisturbed:
-    """The run, as far as it was asked for.
+    """The run up to the last requested step.
 
     ``moves``: the MOVEs of a step, as factors of its motion.
     """
@@ -66,7 +68,7 @@ class Undisturbed:
         return self._steps[number - 1]
 
     def points(self, number: int) -> list[Floats]:
-        """Coordinates (n, d) after so many steps, by partition."""
+        """Coordinates (n, d) by partition after this number of steps."""
         return self.step(number).points if number else [mesh.points for mesh in self.meshes]
 
     def _next(self, number: int) -> Step:

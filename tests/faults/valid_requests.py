@@ -1,4 +1,4 @@
-"""Requests that a session would take: what a fuzz begins with."""
+"""Valid requests of a session, the start of a fuzz."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -26,9 +26,9 @@ _TRIANGLE = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
 
 @dataclass
 class Known:
-    """What a client knows of its session.
+    """A client's knowledge of its session.
 
-    ``sequence``: the last one that was used.
+    ``sequence``: the last used number.
     """
 
     session: str
@@ -46,13 +46,15 @@ class Known:
         return [{"name": "", "role": ""} | part for part in uploads_of(self.meshes[partition], self.partitions)]
 
     def heights(self, partition: int) -> Any:
-        """(k,) of a partition's moving nodes."""
+        """(k,) numbers of a partition's moving nodes."""
         mesh = self.meshes[partition]
         return mesh.points[np.sort(mesh.patches["left"].nodes), 1]
 
 
 def valid_request(kind: str, known: Known, partition: int, random: Random, **fields: Any) -> Message:
-    """A request of a partition that fits the session, if its state does too; these fields instead of drawn ones."""
+    """A request of a partition that fits the session, if its state allows the request; these fields replace drawn
+    ones.
+    """
     known.sequence += 1
     about: dict[str, Any] = {"client": bytes([partition + 1]) * 16, "sequence": known.sequence}
     if kind in DATA and kind != "PING":

@@ -1,4 +1,4 @@
-"""Waiting for what has to come, on a machine that may be busy."""
+"""Waiting for expected events, on a machine that may be busy."""
 
 import time
 from collections.abc import Callable
@@ -14,9 +14,9 @@ _PAUSE = 0.01
 
 
 def wait_until(condition: Callable[[], _Value], what: str, seconds: float = PATIENCE) -> _Value:
-    """Poll until the condition holds, and return what it gave.
+    """Poll until the condition holds, and return its value.
 
-    Raises BrokenPromise if it does not come true in time; ``what`` is named.
+    Raises BrokenPromise, with ``what`` in its text, if the condition does not hold in time.
     """
     deadline = time.monotonic() + seconds
     while not (value := condition()):

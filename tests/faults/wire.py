@@ -1,4 +1,4 @@
-"""A bare client for rows: one DEALER socket, one question at a time, and whether the server let it in."""
+"""A minimal client for rows: one DEALER socket, one request at a time, and whether the server admitted it."""
 
 import itertools
 import os
@@ -23,9 +23,9 @@ _REFUSALS = zmq.EVENT_HANDSHAKE_FAILED_AUTH | zmq.EVENT_HANDSHAKE_FAILED_PROTOCO
 
 
 class Wire:
-    """A connection; used as a context.
+    """A connection, a context manager.
 
-    ``frames``: the last reply, as it came; ``seconds``: from sending the last question to its reply.
+    ``frames``: frames of the last reply; ``seconds``: time from the last request to its reply.
     """
 
     def __init__(self, endpoint: str, keys: Keys | None = None) -> None:
@@ -56,9 +56,9 @@ class Wire:
         return decode(self.frames)
 
     def send(self, request: Message) -> None:
-        """Send a request, and do not wait for its reply.
+        """Send a request without waiting for its reply.
 
-        Raises BrokenPromise if nothing takes it: the server has refused the connection.
+        Raises BrokenPromise if the message cannot be sent: the server has refused the connection.
         """
         try:
             self._socket.send_multipart(encode(request))
@@ -66,7 +66,7 @@ class Wire:
             raise BrokenPromise(f"{request.type} cannot be sent: the server takes nothing from this client") from None
 
     def receive(self, request: Message, seconds: float) -> Any:
-        """The reply to this request, None if there is none in time; those to others are passed over."""
+        """Return the reply to this request, None if it does not come in time; other replies are skipped."""
         deadline = time.monotonic() + seconds
         while self._socket.poll(max(0, round(1000 * (deadline - time.monotonic())))):
             reply = decode([bytes(frame) for frame in self._socket.recv_multipart()])
@@ -75,7 +75,7 @@ class Wire:
         return None
 
     def is_refused(self, requests: Sequence[Message]) -> bool:
-        """Send requests and say whether the handshake is refused, so that none of them is answered."""
+        """Send requests and return whether the handshake is refused, so that none of them is answered."""
         with suppress(zmq.Again):  # refused already: there is no peer that one could wait for
             for request in requests:
                 self._socket.send_multipart(encode(request), zmq.NOBLOCK)

@@ -1,8 +1,9 @@
-"""Bytes of a ZMTP 3 connection (ZeroMQ RFC 23) cut where units end: parts of the greeting, commands, whole messages.
+"""Divides the bytes of a ZMTP 3 connection (ZeroMQ RFC 23) into units: parts of the greeting, commands, whole messages.
 
-Each side waits for the other's signature before it sends the rest of its greeting: what comes of it is a unit at once.
+Each side waits for the other's signature before it sends the rest of its greeting, so every part of the greeting is a
+unit at once.
 
-With CURVE each frame is one unit: which frames make a message is encrypted.
+With CURVE each frame is one unit, because the boundaries of messages are encrypted.
 """
 
 from collections.abc import Iterator
@@ -14,7 +15,7 @@ _FLAG_MORE, _FLAG_LONG, _FLAG_COMMAND = 1, 2, 4
 class Stream:
     """One direction of one connection.
 
-    ``rest``: what has come of a unit that is not complete.
+    ``rest``: received bytes of an incomplete unit.
     """
 
     def __init__(self) -> None:
@@ -22,7 +23,7 @@ class Stream:
         self._greeting_left = _GREETING_BYTES
 
     def feed(self, data: bytes) -> Iterator[tuple[str, bytes]]:
-        """The units that are complete now, as ("greeting" | "command" | "message", bytes)."""
+        """Return the units that are complete now, as ("greeting" | "command" | "message", bytes)."""
         self.rest += data
         while end := self._end():
             kind = self._kind()
@@ -36,7 +37,7 @@ class Stream:
         return "command" if self.rest[0] & _FLAG_COMMAND else "message"
 
     def _end(self) -> int:
-        """Bytes of the first unit, 0 while it is not complete."""
+        """Size of the first unit in bytes, 0 while it is incomplete."""
         if self._greeting_left:
             return min(self._greeting_left, len(self.rest))
         at = 0

@@ -1,4 +1,4 @@
-"""Meshes that several readers are tried on."""
+"""Meshes for the tests of several readers."""
 
 import sys
 from pathlib import Path

@@ -1,4 +1,6 @@
-"""CGNS: what Gmsh writes and VTK reads; every kind of section, in old and new form; damaged files in one clear line."""
+"""CGNS: files that Gmsh writes and VTK reads; every kind of section, in old and new form; damaged files in one clear
+line.
+"""
 
 import multiprocessing
 import sys
@@ -237,7 +239,9 @@ FACES = [[2, 3, 4], [1, 3, 2], [1, 2, 4], [1, 4, 3], [2, 3, 5], [3, 4, 5], [4, 2
 
 
 def pair(zone: Any, numbers: list[list[int]], cells: int) -> None:
-    """NGON_n sections of the faces in turn with these numbers, and NFACE_n cells from another on."""
+    """NGON_n sections that contain the faces alternately, with these numbers, and NFACE_n cells from another number
+    on.
+    """
     rows = iter(FACES)
     for k, of in enumerate(numbers):
         mine = [next(rows) for _ in of]
@@ -374,7 +378,7 @@ def swell(node: Any) -> None:
         (lambda b, z: section(z, "s", 10, 1, 10**12, [1, 2, 3, 4]), "elements 1 to 1000000000000"),
         (lambda b, z: section(z, "s", 25, 1, 1, range(1, 10)), "CGNS' type 25; known are .* first and second order"),
         (lambda b, z: section(z, "s", 20, 1, 2, [10, 1, 2, 3, 4, 25]), "element 1 of the section is of CGNS' type 25"),
-        (lambda b, z: section(z, "s", 20, 1, 1, [10, 1, 2, 3, 4], [0, 4]), "ElementStartOffset does not run"),
+        (lambda b, z: section(z, "s", 20, 1, 1, [10, 1, 2, 3, 4], [0, 4]), "ElementStartOffset does not increase"),
         (lambda b, z: section(z, "s", 22, 1, 1, [3, 1, 2, 3]), "NGON_n faces without NFACE_n cells"),
         (lambda b, z: section(z, "s", 23, 1, 1, [3, 1, 2, 3]), "NFACE_n cells without NGON_n faces"),
         (broken(lambda b, z: condition(z, "c", "PointList", [9])), "c: it names node 9, .* nodes 1 to 4"),
@@ -409,7 +413,7 @@ def large_plane(folder: Path) -> Path:
 
 
 def repacked(path: Path, axis: str, values: NDArray[np.generic], **how: Any) -> Any:
-    """Store other coordinates in some way; the file and the dataset."""
+    """Store other coordinates in another way; return the file and the dataset."""
     file = h5py.File(path, "r+")
     group = file[f"Base/Zone/GridCoordinates/Coordinate{axis}"]
     del group[" data"]
@@ -441,7 +445,7 @@ def test_other_files_are_recognised(tmp_path: Path) -> None:
 
 
 def _read_all_damaged(path: Path) -> None:
-    """Ends with status 0 if only InvalidInput came out; a crash of HDF5 is a signal."""
+    """Ends with status 0 if InvalidInput was the only error; a crash of HDF5 is a signal."""
     sys.exit(0 if refused_when_damaged(path, path, 150, np.random.default_rng(11)) > 15 else 3)
 
 

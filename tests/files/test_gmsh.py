@@ -1,4 +1,4 @@
-"""Gmsh writes, we read: every version and form gives the same mesh, in the file's node order."""
+"""Files that Gmsh writes: every version and form gives the same mesh, in the file's node order."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -94,7 +94,7 @@ def test_same_nodes_cells_and_patches_as_gmsh_and_meshio(
 
 @pytest.mark.parametrize("binary", [0, 1])
 def test_elements_without_a_group_and_those_in_groups(model: Any, tmp_path: Path, binary: int) -> None:
-    """SaveAll writes every element; version 2.2 then has no groups at all, which Gmsh documents."""
+    """SaveAll writes every element; version 2.2 then has no groups at all, as Gmsh documents."""
     gmsh.option.setNumber("Mesh.SaveAll", 1)
     square(model)
     mesh = read_mesh(save(tmp_path / "all.msh", 4.1, binary))
@@ -135,7 +135,7 @@ def numbers(path: Path) -> list[float | str]:
 
 @pytest.mark.parametrize(("version", "binary"), FORMS)
 def test_a_file_comes_back_with_moved_nodes(model: Any, tmp_path: Path, version: float, binary: int) -> None:
-    """Gmsh itself reads what is written."""
+    """Gmsh itself reads the written file."""
     square(model)
     mesh = read_mesh(save(tmp_path / "m.msh", version, binary))
     write_mesh(tmp_path / "moved.msh", replace(mesh, points=mesh.points * 1.1 + 1 / 3))

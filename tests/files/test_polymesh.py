@@ -1,4 +1,4 @@
-"""What OpenFOAM's programs make, we read: the cells that checkMesh counts, the volumes it measures, the patches."""
+"""Meshes of OpenFOAM's programs: the cells that checkMesh counts, the volumes that it measures, the patches."""
 
 import gzip
 import shutil
@@ -167,7 +167,9 @@ def test_polyhedra_are_divided_about_their_centres(foam_case: Callable[..., Path
 
 
 def arrowhead(reflex: float, height: float = 1.0) -> FaceMesh:
-    """A hexahedron: an arrowhead with its reflex corner at (0, ``reflex``), drawn up to 1, its tip to ``height``."""
+    """A hexahedron: an arrowhead with its reflex corner at (0, ``reflex``), extruded to height 1, its tip to
+    ``height``.
+    """
     plane = np.array([[-1.0, -1.0], [0.0, reflex], [1.0, -1.0], [0.0, 2.0]])
     points = np.concatenate([np.column_stack([plane, np.full(4, z)]) for z in (0.0, 1.0)])
     points[7, 2] = height
@@ -180,7 +182,7 @@ def arrowhead(reflex: float, height: float = 1.0) -> FaceMesh:
     ("reflex", "expected"), [(0.0, {"tetra": 8, "pyramid": 4}), (1.5, {"tetra": 24})], ids=["seen", "not seen"]
 )
 def test_a_hexahedron_with_a_reflex_corner_is_divided(reflex: float, expected: dict[str, int]) -> None:
-    """About its centroid, or about another point where that is outside."""
+    """Divided around its centroid, or around another point if the centroid is outside."""
     mesh = arrowhead(reflex)
     pieces = divide(mesh, find_cells(mesh))
     assert {name: len(nodes) for name, nodes in pieces.cells.items()} == expected
@@ -234,7 +236,7 @@ def test_a_plane_across_y_keeps_its_cells_upright(foam_case: Callable[..., Path]
 
 
 def test_one_layer_between_wedge_patches_is_a_plane(foam_case: Callable[..., Path]) -> None:
-    """As the motion solver moves it: the two coordinates in the plane, and the axis a patch of its own."""
+    """In the form that the motion solver moves: the two coordinates in the plane, and the axis as a separate patch."""
     mesh = read_mesh(foam_case("wedge"))
     assert {name: len(nodes) for name, nodes in mesh.cells.items()} == {"quad": 12}
     assert {name: len(nodes) for name, nodes in mesh.patches.items()} == {"rest": 11, "back": 5}
@@ -307,7 +309,7 @@ def test_older_forms_are_read(tmp_path: Path) -> None:
         ({"faces": "4 ((0 2 1) (0 1 3) (1 2 3) (0 3 2))"}, "face 0 has no count"),
         ({"faces": "9 (3(0 2 1) 3(0 1 3) 3(1 2 3) 3(0 3 2))"}, "a list of 9 faces, but 4 are written"),
         ({"owner": "4(0 0 -1 0)"}, "the owner of face 2 is cell -1, which is negative"),
-        ({"owner": "4(0 0 999999999999 0)"}, "owner of face 2 is cell 999999999999, which cannot be"),
+        ({"owner": "4(0 0 999999999999 0)"}, "owner of face 2 is cell 999999999999, which is too large"),
         ({"owner": "4(0 0 99999999999999999999 0)"}, "owner: not a list of numbers"),
         ({"owner": "3(0 0 0)"}, "4 faces, but 3 owners"),
         ({"owner": "900000000000{0}"}, "owner: a list of 900000000000 entries, but at most 4"),
@@ -342,7 +344,7 @@ def test_damaged_files_give_one_clear_line(tmp_path: Path, changes: dict[str, st
 def test_a_missing_file_and_one_without_a_header(tmp_path: Path, name: str) -> None:
     folder = tetra(tmp_path)
     (folder / name).write_text("hello")
-    with pytest.raises(InvalidInput, match=f"{name}: no OpenFOAM file"):
+    with pytest.raises(InvalidInput, match=f"{name}: not an OpenFOAM file"):
         read_mesh(folder)
     (folder / name).unlink()
     with pytest.raises(InvalidInput, match=f"no file '{name}'"):
@@ -435,7 +437,7 @@ def test_every_width_and_byte_order_of_binary_files(tmp_path: Path, label: int, 
 
 
 def test_a_long_entry_of_a_patch_is_read_in_linear_time(tmp_path: Path) -> None:
-    """100 000 words took minutes when each was copied with those before it."""
+    """100 000 words took minutes when each copy contained all words before it."""
     (tmp_path / "boundary").write_bytes(b"FoamFile{class a;} 1(a{type wall; x %s;})" % (b"( " * 100_000))
     began = time.process_time()
     assert dictionaries(FoamFile.find(tmp_path, "boundary"))[0][1]["type"] == "wall"
@@ -444,7 +446,7 @@ def test_a_long_entry_of_a_patch_is_read_in_linear_time(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", ["box", "box-binary", "box-gzip", "strip", "castellated"])
 def test_a_polymesh_comes_back_with_moved_points(foam_case: Callable[..., Path], tmp_path: Path, name: str) -> None:
-    """In 2D both planes move alike; of polyhedra the added centres are no points of the file."""
+    """In 2D both planes move alike; the added centres of polyhedra are no points of the file."""
     mesh = read_mesh(foam_case(name))
     write_mesh(tmp_path / "moved", replace(mesh, points=mesh.points * 1.5 + 0.1))
     before, after = read_face_mesh(foam_case(name) / "constant" / "polyMesh"), read_face_mesh(tmp_path / "moved")

@@ -27,7 +27,7 @@ def test_a_folder_is_no_mesh(tmp_path: Path, suffix: str) -> None:
 
 
 def test_reading_imports_neither_h5py_nor_gmsh() -> None:
-    """Both are extras; only reading HDF5 needs one."""
+    """Both packages are extras; only reading HDF5 needs one."""
     code = "import sys, mesh_motion_server.files; sys.exit('h5py' in sys.modules or 'gmsh' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 

@@ -116,7 +116,7 @@ def test_what_solvers_do_not_mind(tmp_path: Path) -> None:
     np.testing.assert_array_equal(mesh.patches["unnamed"], plain.patches["far"])
     assert mesh.notes == (
         "marker 'empty' has no elements: it is no patch",
-        "a marker without a name is the patch 'unnamed'",
+        "a marker without a name becomes the patch 'unnamed'",
     )
 
 

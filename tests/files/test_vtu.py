@@ -1,4 +1,4 @@
-"""What we write, VTK itself reads back; and what VTK and meshio write, we read."""
+"""VTK itself reads our files; we read files of VTK and meshio."""
 
 import base64
 import lzma
@@ -86,7 +86,7 @@ def test_our_own_files_come_back(tmp_path: Path, all_solids: Mesh) -> None:
 
 
 def fan(nodes: int, triangles: int) -> tuple[np.ndarray, CellTable]:
-    """So many nodes, and triangles that all have the first of them."""
+    """This number of nodes, and triangles that all use the first node."""
     angles = np.linspace(0.0, 6.0, nodes - 1)
     points = np.concatenate([np.zeros((1, 2)), np.column_stack([np.cos(angles), np.sin(angles)])])
     rows = 1 + np.arange(triangles) % (nodes - 2)
@@ -95,7 +95,7 @@ def fan(nodes: int, triangles: int) -> tuple[np.ndarray, CellTable]:
 
 @pytest.mark.parametrize("counts", [(20, 39), (11, 7), (40, 60)])
 def test_every_array_of_a_result_of_ours_is_found_again(tmp_path: Path, counts: tuple[int, int]) -> None:
-    """With the arrays that a run leaves; meshio alone takes those of (20, 39) for each other."""
+    """With the arrays of a run; only meshio confuses arrays of (20, 39) with each other."""
     points, table = fan(*counts)
     quality = {name: np.linspace(0, 1, len(table)) for name in ("size", "skew", "size_skew")}
     write_vtu(tmp_path / "m.vtu", points, table, point_data={"displacement": 0 * points}, cell_data=quality)
@@ -139,7 +139,9 @@ def test_appended_data_of_vtk_itself(tmp_path: Path, compressor: str, word: int,
 def test_a_small_file_that_would_fill_the_memory_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, compressor: str, place: str, points: int, reason: str
 ) -> None:
-    """What a block holds counts, not what the header says of it; no more is unpacked than the piece's points take."""
+    """The content of a block counts, not the size in its header; at most the bytes for the piece's points are
+    unpacked.
+    """
     monkeypatch.setattr("mesh_motion_server.files.packages._UNPACKED_BYTES", 1 << 20)
     block = (zlib if "ZLib" in compressor else lzma).compress(bytes(3 << 20))
     head = struct.pack("<4Q", 1, 24, 0, len(block))
@@ -226,7 +228,7 @@ def test_legacy_files_of_vtk_itself(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", ["a\x1b[31m", "\x00", "\udcff", "a<\"&'>", "[/x]"])
 def test_any_name_can_be_read_again(tmp_path: Path, name: str) -> None:
-    """XML has no control characters and no half characters."""
+    """XML allows no control characters and no lone surrogates."""
     ends = np.array([1, 0], dtype=np.uint8)
     path = tmp_path / "line.vtu"
     cells = CellTable.from_arrays({"line": np.array([[0, 1]])})
@@ -349,7 +351,7 @@ def test_pieces_are_one_mesh_with_their_common_nodes_joined(tmp_path: Path, form
 
 
 def test_one_array_names_the_patches_of_all_pieces(tmp_path: Path) -> None:
-    """The first one that marks anything; a piece without it would leave a part of its patches out."""
+    """The first array that marks faces; a piece without it would lose a part of its patches."""
     parts = [tmp_path / f"part_{i}.vtu" for i in range(2)]
     for number, (part, rows) in enumerate(zip(parts, PARTS, strict=True)):
         points, table, low = two_squares(rows)

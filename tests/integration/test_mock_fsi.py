@@ -1,6 +1,6 @@
-"""Implicit coupling through the real wire: mock fluid, mock solid and server in processes of their own.
+"""Implicit coupling over real sockets: mock fluid, mock solid and server in separate processes.
 
-The load stub and the beam are both linear, so the coupled answer has a monolithic counterpart: the beam with the added
+The load stub and the beam are both linear, so the coupled result has a monolithic counterpart: the beam with the added
 mass in its own mass matrix. The partitioned run must reproduce it to the tolerance of its iterations.
 """
 

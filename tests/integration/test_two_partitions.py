@@ -1,4 +1,4 @@
-"""A boundary layer and periodic sides in two partitions, whose nodes may be with either: moved as in one mesh."""
+"""A boundary layer and periodic sides in two partitions, with their nodes in either: moved like one mesh."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -56,7 +56,7 @@ def test_pairs_across_partitions_move_as_in_one_mesh(make: Any, threshold: float
     model = MotionModel.build(*mesh, Method(**settings))
     goal = mesh[0] + (0.1, 0.25)
     found = moved(tmp_path, mesh, settings, goal)
-    # the mesh is merged in another order of its cells, and a descent ends where little is gained
+    # the merged mesh has its cells in another order, and a descent stops where it gains little
     expected = model.move(mesh[0], goal[model.roles.moving]).points
     np.testing.assert_allclose(found, expected, atol=1e-12 if threshold == 0.2 else 1e-3)
     periodic = model.standard_motion.periodic

@@ -1,6 +1,6 @@
-"""Calls loops as moves and tests do, but with a whole number that leads nowhere; prints ``name finding`` for each loop.
+"""Calls loops like moves and tests, but with one invalid whole number; prints ``name finding`` for each loop.
 
-A loop gives a result, a TypeError or a ValueError. Each is called in a process of its own, which may end.
+A loop gives a result, a TypeError or a ValueError. Each call runs in a separate process, which may end.
 """
 
 import os
@@ -40,13 +40,13 @@ def arrays_in(arguments: Any) -> Iterator[np.ndarray]:
 
 
 def corrupted(call: tuple[Any, ...], rng: np.random.Generator, name: str) -> Iterator[tuple[Any, ...]]:
-    """The call with one whole number changed, in all ways that are tried."""
+    """The call with one changed whole number, for all changes."""
     for number in range(len(list(arrays_in(call)))):
         for _ in range(_TRIALS):
             other = deepcopy(call)
             array = list(arrays_in(other))[number]
             wrong = fuzz.no_indices(array.dtype)
-            # There a node's number has no end that is too far: the loop visits all below it, which takes seconds.
+            # No node number is too large there: the loop visits all smaller numbers, which takes seconds.
             wrong = wrong[wrong < 0] if name == "match_facets" else wrong
             array.flat[rng.integers(array.size)] = rng.choice(wrong)
             yield other

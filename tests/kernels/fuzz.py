@@ -1,7 +1,7 @@
-"""Calls loops with whatever may come from Python: ``python fuzz.py TRIALS NAME …`` prints a line for each loop.
+"""Calls loops with any arguments from Python: ``python fuzz.py TRIALS NAME …`` prints a line for each loop.
 
-A loop gives a result, a TypeError or a ValueError. Arrays lie in the middle of larger ones: a write outside them
-is found there, and an index that is read there leads far away, which ends the process.
+A loop gives a result, a TypeError or a ValueError. Arrays lie in the middle of larger ones: a write outside them is
+detected there, and an invalid index from there points far away, which ends the process.
 """
 
 from __future__ import annotations
@@ -21,7 +21,9 @@ _SEVERAL = re.compile(r"(tuple|collections\.abc\.Sequence)\[(.*)\]$")
 
 
 class Parameter(NamedTuple):
-    """What a loop expects: an array of a type, axes and perhaps written to, a scalar, or several in a tuple or list."""
+    """A parameter of a loop: an array with its type, axes and whether it is written to, a scalar, or several of them in
+    a tuple or list.
+    """
 
     kind: str
     axes: int = 0
@@ -30,7 +32,7 @@ class Parameter(NamedTuple):
 
 
 class Guarded(NamedTuple):
-    """An array, and the larger one around it as it was."""
+    """An array, and a copy of the larger one around it."""
 
     array: np.ndarray
     around: np.ndarray
@@ -48,7 +50,7 @@ def overloads(loop: Any) -> list[list[Parameter]]:
 
 
 def _split(text: str) -> list[str]:
-    """At the commas that are in no bracket."""
+    """Split at the commas outside of brackets."""
     parts, depth = [""], 0
     for letter in text:
         depth += (letter in "[(") - (letter in "])")
@@ -78,18 +80,18 @@ def filled(shape: tuple[int, ...], dtype: str, rng: np.random.Generator) -> Guar
 
 
 def no_indices(kind: np.dtype[Any]) -> np.ndarray:
-    """Whole numbers that are no index of anything."""
+    """Whole numbers that are never a valid index."""
     ends = np.iinfo(kind)
     return np.array([-1, ends.min, ends.max, -far_away(kind), far_away(kind)]).astype(kind)
 
 
 def far_away(kind: np.dtype[Any]) -> int:
-    """An index that leads to no memory of the process, whatever the size of a row."""
+    """An index outside the memory of the process, for any size of a row."""
     return 2 ** (40 if kind.itemsize == 8 else 30)
 
 
 def whole_numbers(shape: tuple[int, ...], kind: np.dtype[Any], rng: np.random.Generator) -> np.ndarray:
-    """Zeros, which suit as indices; small numbers, some of which do; or these with a few that never do."""
+    """Zeros, which are valid indices; small numbers, of which some are valid; or these with a few that never are."""
     numbers = rng.integers(0, rng.choice([1, 2, 4]), size=shape).astype(kind)
     if kind.kind != "b" and rng.integers(2):
         numbers = np.where(rng.random(shape) < _NEVER, rng.choice(no_indices(kind), size=shape), numbers)
@@ -168,7 +170,7 @@ def refused(name: str, arguments: list[Any]) -> bool:
 
 
 def fuzz(name: str, trials: int) -> str:
-    """What is wrong with a loop, if anything is, after so many calls with arrays of the right kinds."""
+    """Fault of a loop, if any, after this number of calls with arrays of the right kinds."""
     rng, forms = np.random.default_rng(0), overloads(getattr(kernels, name))
     for expected in forms:
         for _ in range(trials):

@@ -1,6 +1,7 @@
 """Records calls of loops, with their results and what they wrote, for ``replay``.
 
-``python recorded_calls.py FILE`` prints for each loop how many are of moves and tests, and how many in all.
+``python recorded_calls.py FILE`` prints for each loop the number of calls from moves and tests, and the number of all
+calls.
 """
 
 import struct
@@ -41,7 +42,7 @@ def _text(text: bytes) -> bytes:
 
 
 def _value(value: Any) -> bytes:
-    """An argument or a result: its kind, then what it consists of."""
+    """An argument or a result: its kind, then its parts."""
     if value is None:
         return b"-"
     if isinstance(value, np.ndarray):
@@ -59,7 +60,7 @@ def _bytes(arguments: Any) -> int:
 
 
 def _form(arguments: Any) -> Any:
-    """What makes a call different from others: types, whole numbers and the length of rows."""
+    """The properties that distinguish calls: types, whole numbers and the length of rows."""
     if isinstance(arguments, np.ndarray):
         return arguments.dtype, arguments.shape[1:]
     return tuple(map(_form, arguments)) if isinstance(arguments, tuple | list) else str(arguments)[:2]

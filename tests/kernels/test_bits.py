@@ -18,7 +18,7 @@ LEVELS = [level for level in _BUILT if level <= kernels._widest()]
 
 @functools.cache
 def _digests(level: str) -> dict[tuple[str, str], str]:
-    """By case and threads, of a process of its own with libraries as in a worker."""
+    """Digests by case and threads, from a separate process with the same libraries as a worker."""
     chosen = {"MESH_MOTION_LEVEL": level, "MESH_MOTION_THREADS": "3"} | repeatable_libraries()
     lines = [line.split("\t") for line in said_by_python(_SCRIPT, env=os.environ | chosen).splitlines()]
     return {(case, threads): digest for case, threads, digest in lines}

@@ -43,7 +43,7 @@ Array = NDArray[np.float64]
 
 @pytest.fixture(scope="module")
 def library(c_kernels: Path) -> ctypes.CDLL:
-    """The library, with two threads whatever the machine has."""
+    """The library with two threads on any machine."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("MESH_MOTION_THREADS", "2")
         loaded = ctypes.CDLL(str(c_kernels / "lib" / "libmesh_motion_kernels.so"))
@@ -57,7 +57,7 @@ def pointer(array: Array | NDArray[Any] | None) -> c_void_p | None:
 
 
 class Handle:
-    """What a call has made; freed with it."""
+    """An object that a call has made; it is freed with this one."""
 
     def __init__(self, library: ctypes.CDLL, kind: str, *arguments: Any) -> None:
         self.library, self.kind, self.at = library, kind, c_void_p()
@@ -142,7 +142,7 @@ def test_an_interpolant_has_the_bits_of_the_server(library: ctypes.CDLL, basis: 
 @pytest.mark.parametrize("coarse", ["spline", "interpolant"])
 @pytest.mark.parametrize(("d", "k"), [(1, 1), (2, 2), (3, 3), (3, 5)])
 def test_two_scales_have_the_bits_of_the_server(library: ctypes.CDLL, d: int, k: int, coarse: str) -> None:
-    # the last level is so narrow against the cube that the cells of its layout are far wider than its radius
+    # the last level is so narrow compared with the cube that the cells of its layout are much wider than its radius
     narrow = interpolant("wendland-c2", d, k, 1e-5, n=300, clusters=10)
     levels = (*(interpolant("wendland-c2", d, k, radius, n=300) for radius in (0.3, 0.05)), narrow)
     assert narrow.layout.inverse_side * narrow.support_radius < 0.5
@@ -204,7 +204,7 @@ class Mesh(NamedTuple):
 
 
 def mesh(names: tuple[str, ...], count: int) -> Mesh:
-    """Disturbed ideal cells that share no nodes; some are inverted, one is nowhere where there are several."""
+    """Disturbed ideal cells without common nodes; some are inverted, and one of several has no finite position."""
     rng, d = np.random.default_rng(count), CELL_TYPES[names[0]].dimension
     cube = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]], float)
     corners = {"tetra": cube[[0, 1, 3, 4]], "hexahedron": cube, "pyramid": cube[:5], "quad": cube[:4],
@@ -270,7 +270,7 @@ def test_cells_are_judged_with_the_bits_of_the_server(library: ctypes.CDLL, name
 
 
 def test_no_cells_have_no_worst_one(library: ctypes.CDLL) -> None:
-    """As of a rank without cells."""
+    """Arguments of a rank without cells."""
     handle, numbers, values, inverted = Handle(library, "cells"), np.empty(2, np.int64), np.empty(2), c_int64(5)
     passed = None, None, None, None, b"size-skew", c_int64(2), pointer(numbers), pointer(values)
     assert library.mesh_motion_lowest_cells(handle.at, c_int64(0), *passed, byref(inverted)) == 0

@@ -1,4 +1,4 @@
-"""Whatever Python sends, a loop answers with a result, a TypeError or a ValueError; the process never ends."""
+"""For any arguments from Python a loop gives a result, a TypeError or a ValueError; the process never ends."""
 
 import subprocess
 import sys
@@ -15,7 +15,7 @@ LOOPS = loaded(_SCRIPT).loops()
 
 @pytest.fixture(scope="module")
 def findings() -> dict[str, str]:
-    """What is wrong with each loop, tried in processes of their own: one that ends goes on behind the guilty one."""
+    """Faults of each loop, tested in separate processes: after a crash the test continues with the next loop."""
     found: dict[str, str] = {}
     while len(found) < len(LOOPS):
         rest = LOOPS[len(found) :]

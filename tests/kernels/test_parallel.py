@@ -38,7 +38,7 @@ for _ in range(20):
 
 
 def _run(script: str, *arguments: str) -> None:
-    """On three threads, whatever this machine has."""
+    """On three threads, on any machine."""
     said_by_python("-c", script, *arguments, env=os.environ | {"MESH_MOTION_THREADS": "3"}, timeout=100)
 
 

@@ -1,4 +1,4 @@
-"""Meshes of every cell type made of arithmetic: the unit square or cube less [0.4, 0.6]^d, the body that moves."""
+"""Computed meshes of every cell type: the unit square or cube minus [0.4, 0.6]^d, the body that moves."""
 
 from functools import cache
 

@@ -54,7 +54,7 @@ def boundary_factor(mesh: BodyMesh) -> Factorization:
 
 
 def moved(mesh: BodyMesh, displacement: np.ndarray) -> CorrectionProblem:
-    """The standard motion of a displacement (n, d), of which the boundary's rows are used."""
+    """The standard motion for a displacement (n, d); only the boundary's rows are used."""
     held, factor = mesh.held, boundary_factor(mesh)
     standard = mesh.points + evaluation.displacement(factor.solve(displacement[held]), mesh.points)
     standard[held] = mesh.points[held] + displacement[held]

@@ -1,4 +1,4 @@
-"""Meshes made of arithmetic: a square frame of triangles or quads around a square block, and its extrusion."""
+"""Computed meshes: a square frame of triangles or quads around a square block, and its extrusion."""
 
 import numpy as np
 from mesh_motion_numerics.mesh.cells import CellTable
@@ -17,7 +17,7 @@ def tensor_grid(*axes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def without_unused(points: np.ndarray, cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The points that cells (m, c) have, and the cells by their new numbers."""
+    """The points that cells (m, c) use, and the cells with new node numbers."""
     used, numbers = np.unique(cells, return_inverse=True)
     return points[used], numbers.reshape(cells.shape)
 
@@ -38,7 +38,7 @@ def square_frame(
 
 
 def cloud(n, d, seed=0):
-    """Jittered grid points: random, but nowhere closer than a third of the spacing."""
+    """Jittered grid points: random, but at least a third of the spacing apart."""
     rng = np.random.default_rng(seed)
     side = int(np.ceil(n ** (1 / d)))
     places = np.stack(np.meshgrid(*[np.linspace(0, 1, side)] * d, indexing="ij"), axis=-1).reshape(-1, d)

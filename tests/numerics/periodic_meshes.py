@@ -1,4 +1,4 @@
-"""Periodic meshes made of arithmetic: a block in a cell of a row of cells, straight or around an axis."""
+"""Computed periodic meshes: a block in a cell of a row of cells, straight or around an axis."""
 
 import numpy as np
 from box_meshes import box_mesh
@@ -11,7 +11,7 @@ Mesh = tuple[np.ndarray, CellTable, dict[str, Patch]]
 def periodic_box(kind: str, n: int = 10, *, axes: str = "y", shear: float = 0.0, ends: str = "fixed") -> Mesh:
     """The unit square or cube around a block (moving), periodic along the axes, its other sides with the role ``ends``.
 
-    With a shear, y grows by so much along x: the periodic sides are oblique.
+    With a shear, y grows by this amount along x: the periodic sides are oblique.
     """
     mesh = box_mesh(kind, n)
     patches = {"body": Patch("moving", mesh.body)}

@@ -1,4 +1,4 @@
-"""Meshes with slip walls, made of arithmetic: a straight and a bent duct with a block in it, in 2D and in 3D."""
+"""Computed meshes with slip walls: a straight and a bent duct with a block in it, in 2D and in 3D."""
 
 import numpy as np
 from box_meshes import box_mesh

@@ -1,4 +1,4 @@
-"""The search for the part of a refused displacement that would do."""
+"""The search for the acceptable part of a refused displacement."""
 
 import pytest
 from mesh_motion_numerics.motion.acceptance import largest_accepted

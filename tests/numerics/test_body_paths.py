@@ -1,4 +1,4 @@
-"""The ways of the moving boundary: every body turns on its own, seams stay together, the ends are exact."""
+"""The paths of the moving boundary: every body turns separately, seams stay together, the ends are exact."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Sliding nodes in the optimised correction: on their surface, within its rim, and worth it."""
+"""Sliding nodes in the optimised correction: they stay on their surface and within its rim, and improve the mesh."""
 
 from dataclasses import replace
 
@@ -59,7 +59,7 @@ def test_edges_of_a_box_stay_edges_and_corners_corners() -> None:
 
 
 def test_two_slip_patches_in_one_plane_slide_as_one() -> None:
-    """A far field that is cut into two patches: the node between them is no place where the mesh stops."""
+    """A far field that is divided into two patches: the mesh moves normally at the node between them."""
     points, cells, patches = duct("quad", 10)
     whole = moved(model_of((points, cells, patches)), 0.12, 0.24).points
     top = patches.pop("y1").nodes

@@ -1,4 +1,6 @@
-"""Does a boundary cross itself: exact cases in 2D and 3D, what touches, what shares a node, and every cell type."""
+"""Boundaries that cross themselves: exact cases in 2D and 3D, boundaries that touch or share a node, and every cell
+type.
+"""
 
 import numpy as np
 import pytest

@@ -121,7 +121,7 @@ def test_facets_are_found_once_for_a_cell_table_and_forgotten_with_it() -> None:
 
 
 def mixed_layers(rng: np.random.Generator) -> dict[str, np.ndarray]:
-    """Hexahedra, wedges and pyramids of two tetrahedra each in a row, with nodes in random order."""
+    """Hexahedra, wedges and pairs of pyramids and tetrahedra in a row, with nodes in random order."""
     grid = np.arange(5 * 4 * 4).reshape(5, 4, 4)
     corners = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)]
     boxes = np.stack([grid[i : i + 4, j : j + 3, k : k + 3].ravel() for i, j, k in corners], axis=1)
@@ -139,7 +139,7 @@ def mixed_layers(rng: np.random.Generator) -> dict[str, np.ndarray]:
 
 
 def counted_one_by_one(cells: CellTable) -> dict[str, list[list[int]]]:
-    """Facets whose nodes no other facet has, by looking at all of them."""
+    """Facets with nodes of no other facet, by a search through all of them."""
     facets = [
         [row[i] for i in facet]
         for block in cells

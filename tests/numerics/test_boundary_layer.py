@@ -1,4 +1,4 @@
-"""Layers that their wall carries: exact where it moves rigidly, kept where it bends, given up where it cannot be."""
+"""Layers carried by their wall: exact if it moves rigidly, kept if it bends, given up if keeping is impossible."""
 
 from dataclasses import replace
 
@@ -42,7 +42,7 @@ def box(kind: str, n: int = 10):
 
 
 def turned(points: np.ndarray, degrees: float, shift: float) -> np.ndarray:
-    """Turned about the axis z through the middle, and shifted."""
+    """Targets turned about the z axis through the middle, and shifted."""
     out = points - 0.5
     out[:, :2] = out[:, :2] @ rotation(degrees).T
     return out + 0.5 + shift * np.arange(1, points.shape[1] + 1)
@@ -160,7 +160,7 @@ def test_periodic_sides_stay_alike() -> None:
 
 
 def test_the_motion_depends_on_the_committed_points_and_the_targets_alone() -> None:
-    """As after a resume: another model, newly built, goes on from the committed points to the same bits."""
+    """Like after a resume: a new model continues from the committed points to the same bits."""
     mesh = stored_layer("layer_flag")
     choices = {"support_radius": 0.4, "displacement": "relative"}
     first, resumed = mesh.model(**choices), mesh.model(**choices)
@@ -203,7 +203,7 @@ def test_a_layer_that_meets_a_wall_gives_way() -> None:
 
 
 def test_sub_steps_lead_the_layer_through() -> None:
-    """What gave way on the way there gives way at the targets: a mesh is not put back where it was not valid."""
+    """Layers that gave way on the path give way at the targets too: a mesh is not put back where it was invalid."""
     for degrees in (100.0, 180.0):
         model = model_of(offered=True, displacement="absolute")
         targets = (model.points[model.roles.moving] - 0.5) @ rotation(degrees).T + 0.5

@@ -1,4 +1,6 @@
-"""Parts of a boundary on the wrong side of each other: bodies beyond a wall, bodies in each other, and others."""
+"""Parts of a boundary on the wrong side of each other: bodies beyond a wall, bodies inside each other, and valid
+cases.
+"""
 
 import numpy as np
 import pytest

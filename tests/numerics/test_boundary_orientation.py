@@ -1,4 +1,4 @@
-"""Parts of a boundary that are turned inside out, in 2D and 3D; turned, moved or open ones are not."""
+"""Parts of a boundary that are inside out, in 2D and 3D; parts that are rotated, moved or open are not."""
 
 from typing import Any
 

@@ -1,4 +1,6 @@
-"""The distortion of whole cells: it is the metric, its gradient against differences, its curvature from above."""
+"""The distortion of whole cells: it equals the metric, its gradient equals differences, its curvature is an upper
+bound.
+"""
 
 import numpy as np
 import pytest

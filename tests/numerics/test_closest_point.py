@@ -6,7 +6,7 @@ from mesh_motion_numerics.mesh.closest_point import FacetSet, are_within, neares
 
 
 def sampled(corners, points, n=60):
-    """Distance of points to the facets, over a fine barycentric sampling: an upper bound close to the truth."""
+    """Distance of points to the facets, from a fine barycentric sampling: an upper bound close to the exact value."""
     steps = [s / n for s in range(n + 1)]
     if corners.shape[1] == 2:
         weights = np.array([[1 - t, t] for t in steps])

@@ -1,4 +1,4 @@
-"""The corrections by name: what the named cases reach, and what is refused."""
+"""The corrections by name: quality of the named cases, and refusals."""
 
 from dataclasses import replace
 
@@ -35,7 +35,7 @@ def settings(correction: str = "optimised", **choices) -> Method:
 
 
 def check(problem: CorrectionProblem, found: Correction) -> None:
-    """A correction is valid, says what it is, and holds the boundary bit by bit."""
+    """A corrected mesh is valid, the report names the correction, and the boundary stays bit by bit."""
     quality = cell_quality(found.points, problem.cells, problem.reference_sizes)
     assert not quality.inverted.any()
     assert found.minimum == quality.metric("size-skew").min()

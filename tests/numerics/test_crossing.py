@@ -1,4 +1,6 @@
-"""Motions whose boundary alone says that no valid mesh exists: exact contacts, walls that slip, what only slides."""
+"""Motions whose boundary alone shows that no valid mesh exists: exact contacts, walls that slip, boundaries that only
+slide.
+"""
 
 from collections.abc import Callable
 from typing import Any
@@ -20,7 +22,7 @@ NO_MESH = "no valid mesh exists: the boundary would "
 
 
 def refused(model: PreparedMesh, targets: Floats) -> str:
-    """The reason why there is no mesh with the moving nodes at targets (k, d); empty if none is known."""
+    """The reason why there is no mesh with its moving nodes at targets (k, d); empty if none is known."""
     try:
         model.boundary.refuse(model.points, targets)
     except QualityRefused as error:
@@ -84,11 +86,11 @@ def test_a_move_of_leaflets_says_that_no_mesh_exists(method: dict[str, Any]) -> 
     model = leaflets(2, triangles=True).with_method(**method)
     with pytest.raises(QualityRefused, match="no valid mesh exists") as caught:
         model.move(model.points, closed(model, 0.12, 0.12))
-    assert "is it one unit" not in caught.value.hint
+    assert "do both have the same unit" not in caught.value.hint
     with pytest.raises(QualityRefused, match="no valid mesh exists") as caught:
         model.move(model.points, closed(model, 12.0, 12.0))
     assert caught.value.hint.endswith(
-        "the motion's largest displacement is 12 and the mesh's extent 2.24: is it one unit?"
+        "the motion's largest displacement is 12 and the mesh's extent 2.24: do both have the same unit?"
     )
 
 
@@ -189,7 +191,7 @@ def test_two_bodies_of_two_nodes_do_not_meet(settings: dict[str, Any], triangles
 
 
 def interface(dimension: int) -> tuple[MotionModel, Callable[[float, float], Floats]]:
-    """Two blocks that lie on each other, with nodes of their own there: the lower one's surface moves."""
+    """Two blocks, one on the other, with separate nodes on their common face: the surface of the lower one moves."""
     axes = [np.linspace(0, 1, 9), np.linspace(0, 0.5, 5), np.linspace(0, 1, 4)][:dimension]
     points, cells = tensor_grid(*axes)
     n = len(points)
@@ -219,7 +221,7 @@ def test_an_interface_may_slide_and_open_but_not_pass(dimension: int) -> None:
 @pytest.mark.parametrize("walls", ["fixed", "slip", "symmetry"])
 @pytest.mark.parametrize("aside", [0.0, 0.3, 0.013])
 def test_between_periodic_sides_a_body_leaves_through_a_wall(walls: str, aside: float) -> None:
-    """No part of the boundary is closed there, and nodes of body and wall may be at one place."""
+    """No part of the boundary is closed there, and nodes of body and wall may have the same position."""
     points, cells = tensor_grid(np.linspace(0, 1, 11), np.linspace(0, 1, 11))
     points, cells = without_unused(points, cells[(np.abs(points[cells].mean(axis=1) - 0.5) > 0.1).any(axis=1)])
     x, y = points.T
@@ -266,7 +268,7 @@ def test_blocks_that_meet_in_their_corners(dimension: int, triangles: bool, shar
 
 
 def turned(places: Floats, axis: int) -> Floats:
-    """Places (k, 3) about their middle, turned by 45° about an axis: a block stands on an edge then."""
+    """Positions (k, 3) turned by 45° about an axis through their middle: a block then stands on an edge."""
     first, second = (k for k in range(3) if k != axis)
     out, half = places - places.mean(axis=0), np.sqrt(0.5)
     out[:, first], out[:, second] = half * (out[:, first] - out[:, second]), half * (out[:, first] + out[:, second])
@@ -274,7 +276,7 @@ def turned(places: Floats, axis: int) -> Floats:
 
 
 def on_a_corner(places: Floats) -> Floats:
-    """Places (k, 3) of a block, from its corner that is turned to the first axis."""
+    """Positions (k, 3) of a block, relative to its corner and turned to the first axis."""
     a = np.ones(3) / np.sqrt(3.0)
     b = np.array([1.0, -1.0, 0.0]) / np.sqrt(2.0)
     out = (places - places.mean(axis=0)) @ np.array([a, b, np.cross(a, b)]).T

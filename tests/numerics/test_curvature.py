@@ -1,4 +1,4 @@
-"""The positive semi-definite blocks against projected numerical Hessians."""
+"""The positive semi-definite blocks compared with projected numerical Hessians."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ from test_distortion import one_cell
 
 
 def numerical_block(points: np.ndarray, simplices, norm: PNorm, *, project: bool) -> np.ndarray:
-    """Hessian of ℓ plus p g gᵀ at the edges, by differences of the gradient; negative curvature dropped in J."""
+    """Hessian of ℓ plus p g gᵀ at the edges, from differences of the gradient; negative curvature removed in J."""
     d = points.shape[1]
 
     def gradient(x: np.ndarray) -> np.ndarray:

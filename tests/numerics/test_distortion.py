@@ -1,4 +1,4 @@
-"""The distortion: what it equals, where it is infinite, and its gradient against differences."""
+"""The distortion: its values, where it is infinite, and its gradient compared with differences."""
 
 import math
 

@@ -25,7 +25,7 @@ def made(name, d, *, n=60, k=None, radius=None, seed=0):
 
 
 def brute(interpolant, points):
-    """Values and gradients by the formulas, whole matrices."""
+    """Values and gradients from the formulas, with whole matrices."""
     rho = points[:, None] - interpolant.control_points
     xi = np.linalg.norm(rho, axis=2) / interpolant.support_radius
     s = values(interpolant.basis, xi) @ interpolant.weights

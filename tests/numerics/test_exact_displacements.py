@@ -1,4 +1,4 @@
-"""A Move's answer, made without temporaries, is what whole arrays would give."""
+"""A Move's answer, made without temporary arrays, equals that from whole arrays."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Names of states: equal for equal bits, and for nothing else that is likely to come."""
+"""Names of states: equal for equal bits, and different for any likely other state."""
 
 import numpy as np
 import pytest

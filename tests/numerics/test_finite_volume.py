@@ -1,4 +1,4 @@
-"""Faces as a finite-volume code sees them: known angles, no change by rigid motions, and what checkMesh prints."""
+"""Faces of a finite-volume code: known angles, no change by rigid motions, and the values of checkMesh."""
 
 import re
 from dataclasses import replace
@@ -78,7 +78,7 @@ def test_the_volume_ratio_is_that_of_neighbours() -> None:
 
 @pytest.mark.parametrize("kind", CELL_KINDS)
 def test_the_shortest_edge_and_smallest_face_are_those_against_rest(kind: str) -> None:
-    """By every edge and face of every cell."""
+    """Computed from every edge and face of every cell."""
     rest, cells = box_mesh(kind, 5).points, box_mesh(kind, 5).cells
     points, plane = shaken(kind)[0], cells.dimension == 2
 
@@ -99,7 +99,7 @@ def test_the_shortest_edge_and_smallest_face_are_those_against_rest(kind: str) -
 
 
 def test_a_collapsed_edge_is_seen_where_cells_keep_their_angles_and_areas() -> None:
-    """Squeezed to a thousandth along x, and as much longer along y: a rectangle of the same area."""
+    """Squeezed to a thousandth along x and stretched as much along y: a rectangle of the same area."""
     mesh = box_mesh("quad", 4)
     found = face_measures(mesh.points * [1e-3, 1e3], mesh.cells, mesh.points)
     assert found is not None

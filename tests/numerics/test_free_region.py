@@ -1,4 +1,4 @@
-"""Regions: which nodes and cells they hold, and gathers against dense scatters."""
+"""Regions: their nodes and cells, and gathers compared with dense scatters."""
 
 import numpy as np
 import pytest

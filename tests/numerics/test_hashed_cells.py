@@ -1,4 +1,4 @@
-"""Rows of sparse matrices about small bodies in wide domains: found as by looking at every centre."""
+"""Rows of sparse matrices around small bodies in wide domains: equal to a search through all centres."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""How many more steps a mesh admits: exact for straight ways, an early warning for others."""
+"""Number of further steps that a mesh admits: exact for straight motions, an early warning for others."""
 
 from collections.abc import Callable
 
@@ -17,7 +17,7 @@ from mesh_motion_server.session.factors import FactorCache
 
 
 def first_root(points: np.ndarray, step: np.ndarray, cells: CellTable) -> float:
-    """By numpy: the roots of the polynomials through d + 1 values of each corner's determinant."""
+    """Computed with numpy: the roots of the polynomials through d + 1 values of each corner's determinant."""
     d, least = points.shape[1], np.inf
     for block in cells:
         corners = block.nodes[:, block.type.corner_array]
@@ -63,7 +63,7 @@ def test_a_mesh_that_is_squeezed_evenly(kind: str) -> None:
 def run_of(
     mesh: BodyMesh, way: Callable[[np.ndarray, int], np.ndarray], **choices: object
 ) -> tuple[list[float], float]:
-    """Headroom after each step of a run, and after how many steps its mesh ends."""
+    """Headroom after each step of a run, and the number of steps until its mesh ends."""
     patches = {"body": Patch("moving", mesh.body), "outer": Patch("fixed", mesh.outer)}
     model, factors = MotionModel.build(mesh.points, mesh.cells, patches, Method(**choices)), FactorCache(1 << 28)
     points, found = model.points, []

@@ -76,7 +76,7 @@ def test_thin_plate_spline_equals_scipy(d):
     points, places = cloud(150, d), np.random.default_rng(1).random((80, d))
     data = np.random.default_rng(2).standard_normal((len(points), d))
     peer = RBFInterpolator(points, data, kernel="thin_plate_spline")(places)
-    # the support radius is a mere unit of length: the interpolant does not depend on it
+    # the support radius is only a unit of length: the interpolant does not depend on it
     for radius in (None, 0.3, 5.0):
         got = evaluate(factorize(points, basis="tps", support_radius=radius).solve(data), places)
         assert np.allclose(got, peer, rtol=0, atol=1e-9 if d == 1 else 1e-10)
@@ -97,7 +97,9 @@ def test_other_global_bases_equal_scipy(name, kernel):
 
 @pytest.mark.parametrize(("name", "order"), [("wendland-c2", 2.0), ("wendland-c4", 3.0), ("tps", 1.9)])
 def test_a_smooth_function_is_approached_at_the_basis_order(name, order):
-    """Interior error against spacing, fixed radius; Wendland's 2k + 1 native order shows less the boundary's loss."""
+    """Interior error over spacing with a fixed radius; Wendland's native order 2k + 1 appears reduced by the boundary's
+    loss.
+    """
 
     def error(n):
         axis = np.linspace(0, 1, n)

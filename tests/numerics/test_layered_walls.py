@@ -1,4 +1,4 @@
-"""Layers of thin cells move with their wall where interpolation would spoil them, and only there."""
+"""Layers of thin cells move with their wall where interpolation would destroy them, and only there."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""A system in fewer unknowns: the same as with dense matrices."""
+"""A system with fewer unknowns: the same result as with dense matrices."""
 
 import numpy as np
 from box_meshes import box_mesh

@@ -1,4 +1,4 @@
-"""The worst cells without the distributions are those of the full summary, whatever moved how."""
+"""The worst cells computed without the distributions are those of the full summary, for any motion."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Each way a mesh can be unusable is refused by name, number and way out; what is only odd is said and kept."""
+"""Each fault of a mesh is refused with its name, numbers and a way out; unusual but valid features give a warning."""
 
 from dataclasses import dataclass, field
 
@@ -177,7 +177,7 @@ def test_odd_patches_are_noticed(mesh):
 
 
 def test_nodes_behind_fixed_ones_rest(mesh):
-    """A row of cells beyond a fixed line, as the halo of a periodic side is."""
+    """A row of cells beyond a fixed line, like the halo of a periodic side."""
     columns, cells = mesh.points[:, 0], CellTable.from_arrays(mesh.cells)
     mesh.patches = {
         "left": Patch("moving", np.flatnonzero(columns == columns.min())),
@@ -234,7 +234,7 @@ def test_a_motion_is_the_same_in_every_unit_or_refused(kind: str) -> None:
 
 @pytest.mark.parametrize(("dimension", "hanging"), [(2, 4), (3, 56)])
 def test_hanging_nodes_are_refused(dimension, hanging):
-    """Half of the cells are split into 2ᵈ: half as long cells meet one long one."""
+    """Half of the cells are divided into 2ᵈ: two short edges meet a long one."""
     points, cells = refined_half(dimension, 4)
     edge = np.flatnonzero(points[:, 0] == 0.0)
     patches = {"left": Patch("moving", edge)}
@@ -252,7 +252,7 @@ def test_hanging_nodes_are_refused(dimension, hanging):
 
 
 def test_a_node_hangs_on_a_facet_whose_corners_are_all_in_patches():
-    """In the middle of an edge of a tetrahedron: two others share that edge with it."""
+    """A node in the middle of an edge of a tetrahedron: two other tetrahedra share that edge."""
     points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [0, 0, -1], [0.5, 0.5, 0]], dtype=float)
     cells = CellTable.from_arrays({"tetra": np.array([[0, 1, 2, 3], [0, 5, 1, 4], [0, 2, 5, 4]])})
     patches = {"tip": Patch("moving", np.array([3])), "others": Patch("fixed", np.array([0, 1, 2, 4]))}
@@ -297,7 +297,7 @@ def refined_half(dimension, n):
 
 
 def test_the_two_sides_of_an_interface_are_one_behind_fixed_nodes():
-    """The side towards the fixed wall is not held: its twin is joined to the moving one."""
+    """The side near the fixed wall is not held: its twin belongs to the moving side."""
     low, high = box_mesh("quad", 4), box_mesh("quad", 4)
     n = len(low.points)
     points = np.vstack([low.points, high.points + np.array([0.0, np.ptp(low.points[:, 1])])])

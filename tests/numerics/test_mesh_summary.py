@@ -1,4 +1,4 @@
-"""One pass over a mesh says what the summary of its stored qualities says, bitwise, on any number of threads."""
+"""One pass over a mesh gives bitwise the summary of its stored qualities, on any number of threads."""
 
 import numpy as np
 import pytest

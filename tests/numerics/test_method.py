@@ -1,4 +1,4 @@
-"""The table of keys: its types, its ranges, and what it says of other tables."""
+"""The table of keys: its types, its ranges, and its references to other tables."""
 
 from typing import Any
 
@@ -40,7 +40,7 @@ def test_bases_are_those_that_can_be_used_and_reductions_take_the_definite_ones(
     ],
 )
 def test_what_is_left_out_is_chosen(named: dict[str, Any], correction: str, displacement: str) -> None:
-    """A coupled run needs nothing; a key of another kind of motion chooses that kind, as before."""
+    """A coupled run needs no setting; a key of another kind of motion chooses that kind, as before."""
     method = Method(**named)
     assert (method.correction, method.displacement) == (correction, displacement)
     settings = MethodSettings.from_mapping(named)

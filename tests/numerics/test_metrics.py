@@ -1,4 +1,4 @@
-"""Known cells have known qualities, whatever their place, angle and scale; what is no number is the worst."""
+"""Known cells have known qualities at any place, angle and scale; NaN is the worst quality."""
 
 import numpy as np
 import pytest
@@ -212,7 +212,7 @@ def test_relative_size_skew_of_a_flat_triangle_falls_with_its_height_and_needs_t
 
 @pytest.mark.parametrize("name", [name for name, kind in CELL_TYPES.items() if not kind.is_simplex])
 def test_relative_shape_sees_angles_and_aspect_ratio(name):
-    """The mesh motion's gradient T is known: the worst corner of an affine map is any corner, whatever the cell."""
+    """The mesh motion's gradient T is known: an affine map has the same T at any corner of any cell."""
     rng = np.random.default_rng(6)
     d = CELL_TYPES[name].dimension
     rest = IDEAL[name] * np.array([1.0, 0.05, 1.0])[:d] + 1e-3 * rng.random((len(IDEAL[name]), d))

@@ -1,4 +1,4 @@
-"""One motion end to end: what is accepted, what is refused and with what, and on what the answer depends."""
+"""One motion end to end: accepted and refused motions, their errors, and the inputs on which the answer depends."""
 
 from contextlib import suppress
 from dataclasses import replace
@@ -47,7 +47,7 @@ def test_a_large_motion_is_corrected_before_any_node_moves() -> None:
 
 
 def test_a_refusal_without_a_correction_takes_two_plain_motions(monkeypatch: pytest.MonkeyPatch) -> None:
-    """That to its targets and that to the acceptable fraction: what is between them the first one shows."""
+    """The motion to its targets and that to the acceptable fraction: the first one shows what lies between."""
     model = model_of(correction="none")
     trial, made = StandardMotion.trial, []
     monkeypatch.setattr(StandardMotion, "trial", lambda self, *given: made.append(self) or trial(self, *given))

@@ -1,4 +1,6 @@
-"""The motion's derivative: against central differences, and its transpose to rounding, for everything that has one."""
+"""The motion's derivative compared with central differences, and its transpose to rounding, for all motions with a
+derivative.
+"""
 
 from collections.abc import Callable
 from itertools import pairwise
@@ -57,7 +59,7 @@ def one_slides(mesh: Mesh) -> Mesh:
 
 
 def nothing_fixed(mesh: Mesh, *moving: str) -> Mesh:
-    """All its sides slip but those that are periodic, and some that move."""
+    """All its sides slip except the periodic ones and some moving ones."""
     points, cells, patches = mesh
     roles = {name: "moving" if name in ("body", *moving) else "slip" for name in patches}
     kept = {name: patch for name, patch in patches.items() if patch.role == "periodic"}
@@ -65,7 +67,7 @@ def nothing_fixed(mesh: Mesh, *moving: str) -> Mesh:
 
 
 def motion_of(name: str, x: np.ndarray) -> np.ndarray:
-    """The displacement (k, d) of a case: walls admit a shift by more than a turn moves; a layer is not to give way."""
+    """The displacement (k, d) of a case: a shift along walls may be larger than a turn; a layer must not give way."""
     if "carried" in name:
         return field(x, 1.0) + 0.3 * np.eye(x.shape[1])[0]
     return field(x, 5.0 if "curved slip walls with a layer" in name else 20.0 if "oblique" in name else 12.0)
@@ -285,7 +287,7 @@ def test_a_mesh_whose_other_nodes_left_the_plain_motion_is_refused() -> None:
 
 
 def test_where_nodes_are_held_in_their_order_it_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A kink: a node slides no further, so that none passes the end of its wall."""
+    """A kink: a node does not slide further, so that no node passes the end of its wall."""
     model, factors = MotionModel.build(*duct("quad"), Method()), FactorCache(1 << 28)
     targets = model.points[model.roles.moving] + np.array([0.1, 0.0])
     model.slope(model.move(model.points, targets, factors).points, factors)
@@ -296,7 +298,7 @@ def test_where_nodes_are_held_in_their_order_it_is_refused(monkeypatch: pytest.M
 
 
 def test_the_derivative_keeps_its_factors() -> None:
-    """The second vector costs no new model of the energy."""
+    """The second vector needs no new model of the energy."""
     points, cells, patches = block("quad + triangle", 10)
     model, factors = MotionModel.build(points, cells, patches, Method()), FactorCache(1 << 28)
     rest = points[model.roles.moving]
@@ -316,7 +318,7 @@ def test_the_slope_of_a_nearest_rotation(d: int) -> None:
 
 @pytest.mark.parametrize("turned", [False, True])
 def test_periodic_levels_have_a_transpose(turned: bool) -> None:
-    """Points so close to each other or to an image that narrower levels take them."""
+    """Points so close to each other or to an image that they need narrower levels."""
     numbers = np.random.default_rng(5)
     points = numbers.random((60, 2)) + np.array([1.0, 0.0])
     points[50:] = points[:10] + 1e-4

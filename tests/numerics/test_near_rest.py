@@ -1,4 +1,6 @@
-"""Small meshes judged at rest are raised beyond the threshold, but not near walls, nor where that spoils areas."""
+"""Small meshes judged relative to rest are raised beyond the threshold, but not near walls, and not if that reduces
+areas.
+"""
 
 import numpy as np
 from mesh_motion_numerics.mesh.cells import CellTable
@@ -53,7 +55,7 @@ def test_a_mesh_above_the_threshold_is_left_as_it_was_interpolated() -> None:
 
 
 def test_in_short_steps_no_node_jumps() -> None:
-    """A flow solver takes a displacement within a time step for a velocity."""
+    """A flow solver interprets a displacement within a time step as a velocity."""
     model = model_of()
     committed, ratios = model.points, []
     for share in np.linspace(0.0, 1.0, 61)[1:]:

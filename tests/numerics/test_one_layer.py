@@ -1,4 +1,4 @@
-"""One layer of cells between two planes is moved as its plane is, both sides alike, in any direction."""
+"""One layer of cells between two planes moves like its plane, both sides alike, in any direction."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -231,7 +231,7 @@ def test_a_single_row_of_cells_is_a_plane_between_those_that_slide() -> None:
 @pytest.mark.parametrize("role", ["fixed", "slip", "symmetry"])
 @pytest.mark.parametrize("split", [False, True])
 def test_sides_in_a_patch_of_a_plane_keep_its_role(role: str, split: bool) -> None:
-    """All walls in one patch, or the sides and one plane in one: no side moves off its place."""
+    """All walls in one patch, or the sides and one plane in one patch: no side leaves its position."""
     points, cells, patches = layered("quad", {"low": role, "high": role} if split else {"both": role})
     outer = patches.pop("outer")
     if split:

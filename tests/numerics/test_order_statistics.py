@@ -1,4 +1,4 @@
-"""Percentiles and the smallest values are those of the sorted values, whatever a sample of them says."""
+"""Percentiles and the smallest values are those of the sorted values, for any sample of them."""
 
 import numpy as np
 import pytest
@@ -24,7 +24,7 @@ MANY = 100_000  # enough to be sampled
 
 
 def assert_exact(values: np.ndarray) -> None:
-    """What is found of the values against what a sort says."""
+    """The results compared with those of a sort."""
     found, in_order = distribution(values), np.sort(values)
     assert [found.min, found.p1, found.p5, found.p50] == in_order[[0, *percentile_ranks(len(values))]].tolist()
     assert found.mean == pytest.approx(values.mean(), rel=1e-12, abs=1e-14)
@@ -65,7 +65,7 @@ def test_many_values(name):
 
 
 def sampled(m: int) -> np.ndarray:
-    """Whether each of m values is one of those that are looked at first (kernels/src/quality/order_statistics.cpp)."""
+    """Whether each of m values belongs to the first sample (kernels/src/quality/order_statistics.cpp)."""
     count = max(2048, min(m // 16, 16384))
     i = np.arange(count, dtype=np.uint64)
     x = (i + np.uint64(0x9E3779B97F4A7C15)) * np.uint64(0xBF58476D1CE4E5B9)

@@ -1,4 +1,4 @@
-"""Cells are read in either orientation, and computed with in one."""
+"""Cells are read in either orientation, and used in one."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""A wave tank whose wall of paddles is plane at rest, and nearly plane after the first step."""
+"""A wave tank with a wall of paddles that is plane at rest, and nearly plane after the first step."""
 
 import numpy as np
 from frame_meshes import tensor_grid

@@ -82,7 +82,7 @@ def test_bending_grows_in_the_frame_of_the_turning_body():
 
 @pytest.mark.parametrize("d", [2, 3])
 def test_exactly_half_a_turn_has_one_sense(d):
-    """Noise of rounding size must not choose the side on which a body swings round."""
+    """Noise of rounding size must not choose the direction in which a body turns."""
     points = np.random.default_rng(0).standard_normal((20, d))
     flip = np.array([-1.0, -1.0, 1.0])[:d]
     paths = []

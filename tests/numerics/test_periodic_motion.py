@@ -1,4 +1,6 @@
-"""Motions of periodic meshes end to end: as a ring's sector, as a translation, in pairs, across the side as inside."""
+"""Motions of periodic meshes end to end: equal to a sector of a ring or to a translated row; pairs stay pairs, and a
+periodic side behaves like the inside.
+"""
 
 from dataclasses import replace
 
@@ -26,7 +28,7 @@ def moved(model: MotionModel, *shift: float) -> Motion:
 
 
 def pair_error(model: MotionModel, points: np.ndarray) -> float:
-    """Largest distance of a node from where its pair's transform puts it, reference offsets apart."""
+    """Largest distance of a node from its pair's transformed position, without the offsets of the reference."""
     periodic = model.standard_motion.periodic
     step = (points - model.points)[periodic.roots]
     turned = np.einsum("pij,pj->pi", periodic.rotations, step)
@@ -63,7 +65,7 @@ def test_a_sector_moves_as_in_the_whole_ring(
         targets[number[k][mesh[2]["body"].nodes]] += turn(sectors, len(shift), k) @ shift
     expected = whole.move(whole.points, targets[whole.roles.moving]).points[number[0]]
     found = moved(one, *shift).points
-    # a curved slip wall is projected onto whichever of two facets: the same place to rounding
+    # a node may be projected onto either of two facets of a curved slip wall: the same place to rounding
     np.testing.assert_allclose(found, expected, atol=2e-10)
 
 
@@ -143,7 +145,9 @@ def recut(mesh: Mesh, height: float) -> tuple[Mesh, np.ndarray]:
 
 @pytest.mark.parametrize(("correction", "tolerance"), [("none", 1e-12), ("optimised", 2e-3), ("smooth", 1e-9)])
 def test_the_motion_does_not_depend_on_where_the_row_is_cut(correction: str, tolerance: float) -> None:
-    """So the mesh is as good across a periodic side as inside; the optimised motion stops where little is gained."""
+    """So the mesh has the same quality across a periodic side as inside; the optimised motion stops when it gains
+    little.
+    """
     mesh = periodic_box("quad", 10, ends="slip")
     other, origin = recut(mesh, 0.2)
     most = {} if correction == "smooth" else {"correction_target": "maximum"}
@@ -192,7 +196,7 @@ def test_what_does_not_repeat_is_refused(choice: dict[str, str], said: str) -> N
 
 @pytest.mark.parametrize("name", ["row", "sector"])
 def test_a_body_with_edges_of_a_billionth_is_moved_with_nothing_set(name: str) -> None:
-    """One matrix of all its nodes is singular; in levels each node is met, pairs stay pairs, cells stay cells."""
+    """One matrix of all its nodes is singular; with levels each node is met, pairs stay pairs, and cells stay valid."""
     points, cells, patches = sector("quad", 12) if name == "sector" else periodic_box("quad", 12)
     flat, _, _ = periodic_box("quad", 12)
     for axis in (0, 1):  # the lines next to the body's corners are drawn to them

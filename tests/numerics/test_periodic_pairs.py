@@ -1,4 +1,4 @@
-"""Which periodic patch is the image of which: translations, sectors, orbits, and what is refused."""
+"""Pairs of periodic patches: translations, sectors, orbits, and refusals."""
 
 import numpy as np
 import pytest

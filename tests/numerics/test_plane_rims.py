@@ -11,7 +11,7 @@ from mesh_motion_protocol.errors import InvalidInput, QualityRefused
 
 
 def piston(role: str, kind: str = "quad", *, disjoint: bool = False) -> MotionModel:
-    """A box whose side x = 0 moves; the side y = 0, which it meets, has the role, and may lack their common nodes."""
+    """A box whose side x = 0 moves; the adjacent side y = 0 has the role, and may lack the common nodes."""
     points = (mesh := box_mesh(kind, 5)).points
     patches = {
         "piston": Patch("moving", np.flatnonzero(points[:, 0] == 0.0)),
@@ -85,7 +85,7 @@ def test_the_side_of_a_body_is_no_part_of_planes_that_are_one_cell_apart(role: s
 
 
 def test_a_body_that_passes_a_plane_between_periodic_sides_names_its_patch() -> None:
-    """Where sides bend it is not proven that no mesh exists; the reason is the same."""
+    """With bent sides it is not proven that no mesh exists; the reason is the same."""
     points = (mesh := box_mesh("quad")).points
     sides = {f"{'xy'[axis]}{end}": np.flatnonzero(points[:, axis] == end) for axis in (0, 1) for end in (0, 1)}
     patches = {"body": Patch("moving", mesh.body)}

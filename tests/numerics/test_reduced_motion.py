@@ -1,4 +1,4 @@
-"""Motions from few control points through the real path: exact boundaries, sliding nodes, corrections, caches."""
+"""Motions from few control points in the real motion: exact boundaries, sliding nodes, corrections, caches."""
 
 import numpy as np
 import pytest
@@ -77,7 +77,7 @@ def trial_of(model: MotionModel, **choices) -> StandardTrial:
 
 
 def test_the_field_itself_is_exact_at_the_boundary() -> None:
-    """Not the setting of the nodes alone: the near-surface correction makes it so."""
+    """The near-surface correction keeps the layers; setting the nodes alone does not."""
     model = model_of(reduction="greedy")
     trial = trial_of(model)
     moving = model.roles.moving

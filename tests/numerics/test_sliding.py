@@ -37,7 +37,7 @@ def pipe(around, across, along):
 
 
 def polygon_distance(points, vertices):
-    """Distance of points to a closed polygon, brute force."""
+    """Distance of points to a closed polygon, by brute force."""
     a, b = vertices, np.roll(vertices, -1, axis=0)
     t = np.einsum("nfi,fi->nf", points[:, None] - a, b - a) / np.sum((b - a) ** 2, axis=1)
     near = a + np.clip(t, 0, 1)[..., None] * (b - a)
@@ -76,7 +76,7 @@ class TestPlanar:
         slid = surfaces.project(points[nodes] + 0.01)
         held = points[nodes] == 0
         assert (slid[held] == 0).all()
-        # on the far rim of a side only its own plane holds: the other sides are not sliding patches
+        # on the far rim of a side only its own plane holds nodes: the other sides are not sliding patches
         assert np.allclose(slid[~held], points[nodes][~held] + 0.01, rtol=0, atol=1e-15)
 
     def test_a_box_in_one_patch_keeps_its_edges(self):
@@ -229,7 +229,7 @@ def test_a_regular_body_is_projected_from_its_centre(d):
 
 
 def slope_misses(constraint: OnFacets, places: np.ndarray) -> np.ndarray:
-    """By how much the projection's derivative (m, d, d) misses that of central differences, (m,)."""
+    """Difference (m,) of the projection's derivative (m, d, d) from central differences."""
     found, h = constraint.slope(places, places), 1e-6
     steps = [constraint.project(places + s * h * e, places) for e in np.eye(places.shape[1]) for s in (1, -1)]
     exact = np.stack([(there - back) / (2.0 * h) for there, back in zip(steps[::2], steps[1::2], strict=True)], axis=-1)
@@ -261,7 +261,7 @@ def test_past_the_end_of_a_curve_and_off_the_side_of_a_surface_the_nearest_place
 
 @pytest.mark.parametrize("d", [2, 3])
 def test_the_derivative_at_a_corner_is_that_onto_the_tangent_plane(d):
-    """The mean over the facets there, which are alike in a regular body."""
+    """The mean over the adjacent facets, which are equal in a regular body."""
     corners, facets = regular_body(d)
     found = OnFacets.from_simplices(corners, facets).slope(corners, corners)
     plane = np.eye(d) - corners[:, :, None] * corners[:, None, :]

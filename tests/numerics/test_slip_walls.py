@@ -66,9 +66,9 @@ def tank(tilt: float) -> tuple[MotionModel, np.ndarray]:
     displacement=st.sampled_from(["relative", "absolute", "reanchored"]),
 )
 def test_slip_walls_are_never_worse_than_fixed_ones(kind, shift, angle, displacement) -> None:
-    """The tolerance is five times what a motion may lose before the walls are held (0.02 of the method's metric).
+    """The tolerance is five times the loss of a motion before the walls are held (0.02 of the method's metric).
 
-    That metric is not this shape: it has the size too. 0.07 is the most that 320 random motions lost; they gained 0.2.
+    That metric includes the size, this shape does not.
     """
     least = {}
     for role in ("slip", "fixed"):
@@ -85,7 +85,7 @@ def test_slip_walls_are_never_worse_than_fixed_ones(kind, shift, angle, displace
     angle=st.floats(-1.0, 1.0),
 )
 def test_with_nothing_set_slip_walls_are_never_worse_than_fixed_ones(kind, shift, angle) -> None:
-    """By the method's metric; if slip walls admit no motion, fixed ones admit none either.
+    """Judged with the method's metric; if slip walls admit no motion, fixed ones admit none either.
 
     The correction minimises a sum over all cells, so its worst cell may be a little worse: by at most 0.006, in four of
     239 random motions.

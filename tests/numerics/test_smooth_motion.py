@@ -1,4 +1,6 @@
-"""The motion that is a smooth function of the boundary: one result on every way, exact at rest, no jumps, all cells."""
+"""The motion that is a smooth function of the boundary: one result on every path, exact at rest, no jumps, all cell
+types.
+"""
 
 from dataclasses import replace
 from functools import cache
@@ -146,7 +148,7 @@ def test_where_no_cell_is_near_the_onset_the_motion_is_the_plain_one() -> None:
 
 
 def test_right_triangles_do_not_jump() -> None:
-    """Squares cut along one diagonal and the other by turns: an equilateral form is near in two directions."""
+    """Squares divided along alternating diagonals: an equilateral form is near in two directions."""
     mesh = box_mesh("quad", 20)
     squares = mesh.cells.blocks[0].nodes
     even = np.rint(mesh.points[squares].mean(axis=1).sum(axis=1) * 20.0).astype(int) % 2 == 0
@@ -164,7 +166,9 @@ def test_right_triangles_do_not_jump() -> None:
 
 
 def test_a_gap_that_is_squeezed_to_a_quarter_pulls_no_node() -> None:
-    """A block that comes near a wall: cells that hardly differ must not resist a thousand times as much as others."""
+    """A block that comes near a wall: cells that hardly differ must not have a thousand times the resistance of
+    others.
+    """
     model = smooth_model(box_mesh("quad", 20))
     rest = model.points[model.roles.moving]
     points = [model.points]
@@ -229,7 +233,9 @@ def test_gradient_and_hessian_are_those_of_the_energy(kind: str) -> None:
 
 
 def shaken(kind: str) -> tuple[SmoothMotion, SmoothRegion, np.ndarray, np.ndarray]:
-    """A mesh with all of its interior free, its region, and local positions (l, d): shaken ones and plain ones."""
+    """A mesh with a free interior, its region, and local positions (l, d): random ones and those of the plain
+    motion.
+    """
     mesh = line_mesh() if kind == "line" else box_mesh(kind, 5)
     law = Law(onset=0.02, stiffness=6.0)  # the function is so steep that differences of it would say little
     motion, rng = SmoothMotion(mesh.points, mesh.cells, mesh.held, law), np.random.default_rng(1)
@@ -306,7 +312,7 @@ def test_a_mesh_without_a_free_node_is_left_alone() -> None:
 
 
 def test_the_iterations_end_at_the_minimum(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The next step would be below 3e-12 of the extent: ways agree to 1e-9 of an amplitude, a small part of that."""
+    """The next step would be below 3e-12 of the extent: different paths agree to 1e-9 of an amplitude."""
     model, beyond, descend = block_model(), [], SmoothMotion._descend
 
     def watched(motion: SmoothMotion, begin: np.ndarray, rest: np.ndarray, region: SmoothRegion) -> Smoothed:
@@ -371,7 +377,7 @@ def test_a_motion_that_is_impossible_is_refused_with_the_part_that_is_not() -> N
 @pytest.mark.parametrize("flat", [1.0, 0.05])
 @pytest.mark.parametrize("kind", CELL_KINDS)
 def test_a_rank_sends_every_cell_that_resists(kind, flat):
-    """By its worst corner, which says what the distortion says but for the smoothing of its size."""
+    """Judged by its worst corner, which equals the distortion except for the smoothing of its size."""
     box, random = box_mesh(kind, 4), np.random.default_rng(7)
     points = box.points * np.array([1.0, flat, 1.0])[: box.points.shape[1]]
     rest = cells_at_rest(points, box.cells)

@@ -15,7 +15,7 @@ C2 = basis_named("wendland-c2")
 
 @pytest.mark.parametrize("k", [1, 2, 3, 4, 5, 8, 12])
 def test_products_are_those_of_the_dense_matrix(k: int) -> None:
-    """Some of whose rows are empty."""
+    """A matrix with some empty rows."""
     rng = np.random.default_rng(k)
     matrix = csr_array(random_array((300, 200), density=0.02, rng=rng))
     vectors = rng.normal(size=(200, k))

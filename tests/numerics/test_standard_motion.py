@@ -1,4 +1,4 @@
-"""The standard motion: exact where it must be, and a function of what it says it is a function of."""
+"""The standard motion: exact where it must be, and dependent only on its declared inputs."""
 
 from dataclasses import replace
 
@@ -41,7 +41,7 @@ def test_a_mesh_carried_as_a_whole_is_reproduced(displacement: str, degrees: flo
 
 @pytest.mark.parametrize("displacement", ["absolute", "reanchored"])
 def test_no_drift_from_the_reference(displacement: str) -> None:
-    """Whatever was committed before, the boundary alone decides."""
+    """The boundary alone decides, for any earlier commits."""
     mesh = square_frame()
     motion = motion_of(mesh, displacement=displacement)
     rest = mesh[0][motion.roles.moving]
@@ -51,7 +51,7 @@ def test_no_drift_from_the_reference(displacement: str) -> None:
 
 
 def test_relative_displacement_drifts_on_a_cycle() -> None:
-    """The thesis' Fig. 2.3: it starts each step from the last mesh, and does not come back."""
+    """The thesis' Fig. 2.3: the motion starts each step from the last mesh, and does not return."""
     mesh = square_frame()
     motion = motion_of(mesh, displacement="relative")
     rest = mesh[0][motion.roles.moving]

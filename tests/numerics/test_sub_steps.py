@@ -1,4 +1,6 @@
-"""Sub-steps: legs adapt, far motions become valid, what cannot be is refused, and easy motions are not touched."""
+"""Sub-steps: their length adapts, far motions become valid, impossible ones are refused, and easy motions stay single
+steps.
+"""
 
 from functools import cache
 
@@ -47,7 +49,7 @@ def passing(bodies: str) -> dict[str, np.ndarray]:
 
 
 def passed(bodies: str, shift: float, **choices) -> tuple[MotionModel, np.ndarray]:
-    """Two bodies, and where they are when each has moved past the other by ``shift``."""
+    """Two bodies, and their positions when each has moved past the other by ``shift``."""
     data = passing(bodies)
     names = {"outer": "fixed", "upper": "moving", "lower": "moving"}
     patches = {name: Patch(role, data[f"patch_{name}"]) for name, role in names.items()}
@@ -60,7 +62,7 @@ def passed(bodies: str, shift: float, **choices) -> tuple[MotionModel, np.ndarra
 
 
 class Line:
-    """A mesh of one number; a move fails when it is longer than allowed at the place."""
+    """A mesh of one number; a move fails if it is longer than allowed at that place."""
 
     def __init__(self, longest: float, blocked: float = 2.0, easy: bool = True) -> None:
         self.longest, self.blocked, self.easy, self.tried = longest, blocked, easy, []

@@ -1,4 +1,4 @@
-"""Swept volumes: cells of every type, and faces whose sweep is known."""
+"""Swept volumes: cells of every type, and faces with a known sweep."""
 
 import itertools
 
@@ -50,7 +50,7 @@ def wedges(x):
 
 
 def pyramids(x):
-    """The mean of both ways to cut the base, which has the volume of the bilinear one."""
+    """The mean of both divisions of the base, which has the volume of the bilinear base."""
     cuts = [(0, 1, 2, 4), (0, 2, 3, 4), (0, 1, 3, 4), (1, 2, 3, 4)]
     return 0.5 * sum(simplices(x[:, cut]) for cut in map(list, cuts))
 

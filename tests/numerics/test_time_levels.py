@@ -1,4 +1,4 @@
-"""Velocities of time schemes: what they are exact for, and their order with steps of all sizes."""
+"""Velocities of time schemes: motions for which they are exact, and their order with steps of all sizes."""
 
 import numpy as np
 import pytest
@@ -27,7 +27,7 @@ def uneven(count):
 
 @pytest.mark.parametrize("scheme", ["bdf1", "bdf2", "bossak"])
 def test_a_constant_velocity_is_found(scheme):
-    """By "bossak" after it has forgotten that the mesh started at rest."""
+    """With "bossak", after the influence of the start at rest has ended."""
     times = uneven(200 if scheme == "bossak" else 7)
     found = velocities(scheme, times, lambda t: 3.0 - 2.0 * t)
     np.testing.assert_allclose(found[-1], -2.0, rtol=1e-10)

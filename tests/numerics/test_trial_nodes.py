@@ -80,7 +80,7 @@ def test_a_region_without_room_grows() -> None:
 @pytest.mark.parametrize("degrees", [165.0, 180.0, 195.0])
 @pytest.mark.parametrize("name", ["thesis_block", "correction_slab"])
 def test_half_turns_are_untangled(name: str, degrees: float) -> None:
-    """Systems of 1300 unknowns, whose untangling rough steps by conjugate gradients do not always finish."""
+    """Systems of 1300 unknowns: rough steps with conjugate gradients do not always untangle them."""
     mesh = stored(name)
     problem = moved(mesh, rigid(mesh, (-0.1, 0.05), degrees))
     assert polish(problem.standard, mesh.trial, mesh.trial.free(~mesh.held), target=0.05).minimum >= 0.05
@@ -122,7 +122,7 @@ def test_repeatable_to_the_bit_for_any_number_of_threads(name: str) -> None:
 
 
 def test_a_mesh_of_two_separate_parts_ends() -> None:
-    """The bad part cannot grow into the other one, and is less than the share at which all nodes are freed."""
+    """The bad part cannot grow into the other one, and is smaller than the share at which all nodes are freed."""
     mesh = box_mesh("quad", 10)
     shifted = mesh.points + np.array([2.0, 0.0])
 

@@ -28,7 +28,7 @@ def model(kind: str) -> MotionModel:
 
 
 def ring() -> BodyMesh:
-    """A circle in a circle, whose radii grow by the same factor from ring to ring."""
+    """A circle in a circle; the radius grows by the same factor from ring to ring."""
     radius, angle = np.meshgrid(RATIO ** (np.arange(RINGS + 1) / RINGS), np.arange(AROUND), indexing="ij")
     angle = 2.0 * np.pi * angle / AROUND
     points = np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=-1).reshape(-1, 2)

@@ -27,7 +27,7 @@ def serve(tmp_path):
 
 @pytest.fixture
 def small_disk(tmp_path):
-    """Mounts a file system of so many bytes; skipped where that is not allowed."""
+    """Mounts a file system of this size in bytes; skipped if that is not allowed."""
     with contextlib.ExitStack() as mounted:
 
         def mount(size):

@@ -1,4 +1,4 @@
-"""A server as an administrator starts it, with its pages and its log; and a small mesh."""
+"""A server as started by an administrator, with its pages and its log; and a small mesh."""
 
 from pathlib import Path
 

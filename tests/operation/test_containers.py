@@ -1,4 +1,4 @@
-"""The containers as they are written: hardened, checked for health, ending with a status; `make docker` runs them."""
+"""The container files: hardened, checked for health, ending with a status; `make docker` runs them."""
 
 import re
 import shutil
@@ -66,7 +66,7 @@ def test_compose_takes_the_file(profile):
 
 
 def test_what_the_images_copy_reaches_the_builder():
-    """What .dockerignore leaves out cannot be copied; it names what is let in."""
+    """Files excluded by .dockerignore cannot be copied; it names the included ones."""
     taken = re.findall(r"^!(\S+)$", (ROOT / ".dockerignore").read_text(), flags=re.MULTILINE)
     copied = [
         name

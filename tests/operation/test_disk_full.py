@@ -1,4 +1,4 @@
-"""A real file system without room: what is refused, what goes on, and how it goes on afterwards."""
+"""A real file system without room: refused requests, running sessions, and both after room was made."""
 
 import contextlib
 import os
@@ -24,7 +24,7 @@ _MIB = 1 << 20
 
 
 class Filler:
-    """Takes what is left of a disk, again and again."""
+    """Fills the rest of a disk, again and again."""
 
     def __init__(self, folder: Path) -> None:
         self._path = folder / "filler"

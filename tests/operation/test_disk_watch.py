@@ -1,4 +1,4 @@
-"""A disk that does not answer: who waits for it, and for how long."""
+"""A disk that does not answer: the waiting requests, and their time limit."""
 
 import threading
 import time
@@ -23,7 +23,7 @@ class Disk:
         self.asked = 0
 
     def look(self, _folder: Path) -> DiskRoom:
-        """In place of the system call."""
+        """A replacement of the system call."""
         self.asked += 1
         self.well.wait(60)
         return DiskRoom(self.free, 100, True)

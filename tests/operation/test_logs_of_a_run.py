@@ -1,4 +1,4 @@
-"""The whole life of sessions at level debug, with refusals and crashes, logs events and nothing of what was sent."""
+"""Whole sessions at log level debug, with refusals and crashes: the log has events, but no data of the clients."""
 
 import base64
 import json
@@ -28,7 +28,7 @@ def forms_of(number: float) -> list[str]:
 
 
 def use(server: Served, keys: Keys) -> list[Any]:
-    """Two sessions with all that may go wrong; their tokens."""
+    """Two sessions with all possible errors; return their tokens."""
     mesh = small_mesh()
     mesh.points[:] += OFFSET
     with connect(server.endpoint, timeout=90, keys=keys) as client:

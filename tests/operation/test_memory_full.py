@@ -1,4 +1,4 @@
-"""A session that wants more memory than its worker may have: others go on."""
+"""A session that needs more memory than its worker may use: other sessions continue."""
 
 from typing import Any
 
@@ -11,7 +11,7 @@ from tests.faults.waiting import wait_until
 
 
 def strip(nodes: int) -> Mesh:
-    """Two rows of nodes: nearly all of them on the boundary, which is what a dense factorization grows with."""
+    """Two rows of nodes: nearly all of them are on the boundary, so a dense factorization is large."""
     x = np.linspace(0, 1, nodes)
     points = np.concatenate([np.stack([x, np.zeros(nodes)], axis=1), np.stack([x, np.full(nodes, 1 / nodes)], axis=1)])
     i = np.arange(nodes - 1)

@@ -1,4 +1,4 @@
-"""The pages of a real server, against what a client did with it."""
+"""The pages of a real server, compared with the requests of a client."""
 
 import os
 import re
@@ -19,7 +19,7 @@ _OTHER_UNITS = re.compile(r"_(ms|milliseconds|minutes|hours|kb|kilobytes|mb|mega
 
 
 def lint(text: str) -> list[str]:
-    """What `promtool check metrics` would say, as far as it concerns names, units, types and helps."""
+    """The checks of `promtool check metrics` for names, units, types and helps."""
     wrong = []
     helps = dict(re.findall(r"^# HELP (\S+) ?(.*)$", text, re.MULTILINE))
     for name, kind in re.findall(r"^# TYPE (\S+) (\S+)$", text, re.MULTILINE):

@@ -1,4 +1,4 @@
-"""A server that is stopped and started again under its clients: nothing is lost, and the numbers stay the same."""
+"""A server that is stopped and restarted while clients use it: nothing is lost, and the numbers stay the same."""
 
 import csv
 import subprocess
@@ -28,7 +28,7 @@ def start_fluid(server: Served, solid: str, out: Path) -> Any:
 
 
 def couple(server: Served, out: Path, restarts: tuple[int, ...]) -> str:
-    """Run fluid and solid; restart the server while the fluid is in the step after each of these; fsi.csv."""
+    """Run fluid and solid; restart the server in the fluid's step after each of these steps; return fsi.csv."""
     solid_command = [sys.executable, str(FSI / "solid.py"), "--bind", "tcp://127.0.0.1:*", "--dt", "0.05"]
     with subprocess.Popen(solid_command, stdout=subprocess.PIPE, text=True) as solid:
         with start_fluid(server, solid.stdout.readline().rsplit(maxsplit=1)[-1], out) as fluid:

@@ -1,4 +1,4 @@
-"""systemd's protocol: what a server under a service manager says, and when."""
+"""systemd's protocol: the messages of a server to a service manager, and their times."""
 
 import os
 import shutil
@@ -68,7 +68,7 @@ def test_the_unit_is_one(tmp_path: Path) -> None:
 
 @pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="systemd is not installed")
 def test_the_unit_gives_the_server_no_more_than_it_needs() -> None:
-    """systemd's own measure: 0 is nothing, 10 all; what is left is the network, folders and priorities."""
+    """systemd's own exposure score: 0 is nothing, 10 is everything; the rest is the network, folders and priorities."""
     run = ["systemd-analyze", "security", "--offline=yes", "--threshold=20", str(UNIT)]
     ended = subprocess.run(run, capture_output=True, text=True, check=False)
     assert ended.returncode == 0, ended.stdout[-2000:]

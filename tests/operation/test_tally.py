@@ -1,4 +1,4 @@
-"""Counts travel as differences, and totals never go down."""
+"""Counts are sent as differences, and totals never decrease."""
 
 import re
 import sys
@@ -57,7 +57,7 @@ def test_bounds_ascend() -> None:
 
 
 def test_two_threads_count_and_nothing_is_lost() -> None:
-    """With durability "relaxed" a thread counts what it writes while the worker hands its counts over."""
+    """With durability "relaxed" a thread counts its writes while the worker sends its counts."""
     tally, total, rounds = Tally(), Tally(), 50_000
 
     def count() -> None:

@@ -18,7 +18,7 @@ def client_wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def client_alone(client_wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Run:
-    """Runs a program of an environment that has the client alone, in a folder outside the checkout."""
+    """Runs a program of an environment with only the client, in a folder outside the checkout."""
     folder = tmp_path_factory.mktemp("alone")
     return _runner(bare_environment(folder / "environment", [client_wheel]), folder)
 

@@ -24,7 +24,7 @@ def git(root: Path, *arguments: str) -> None:
 
 @pytest.fixture
 def checkout(tmp_path: Path) -> Path:
-    """A branch ``main`` with ``.ci/run``, and programs in place of make, apt-get and others that do nothing."""
+    """A branch ``main`` with ``.ci/run``, and replacements of make, apt-get and other programs that do nothing."""
     for name in STUBS:
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text("#!/bin/sh\n")

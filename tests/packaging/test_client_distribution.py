@@ -1,4 +1,4 @@
-"""The client's distribution: what it contains, and that its page, README.md, is true without the server's package."""
+"""The client's distribution: its content, and its page, README.md, which is correct without the server's package."""
 
 import os
 import subprocess

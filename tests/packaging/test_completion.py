@@ -1,4 +1,4 @@
-"""Tab in a real bash, and the completions that zsh and fish get."""
+"""The Tab key in a real bash, and the completions for zsh and fish."""
 
 import os
 import subprocess

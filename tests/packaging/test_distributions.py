@@ -1,4 +1,4 @@
-"""What the wheels and the source distributions of server and numerics contain."""
+"""Content of the wheels and the source distributions of server and numerics."""
 
 import tarfile
 import tomllib

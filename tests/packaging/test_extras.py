@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from bare_environment import ROOT
 
-from mesh_motion_server.commands.cli import ExitStatus
+from mesh_motion_server.commands.outcome import ExitStatus
 from mesh_motion_server.extras import extra_of, not_installed
 
 Run = Callable[..., subprocess.CompletedProcess[str]]

@@ -1,6 +1,6 @@
-"""The first mistakes of those who have never seen the tool: each answer names the offender, what was expected, a way.
+"""The first mistakes of new users: each answer names the offender, the expected value, and a way out.
 
-A table of what is done and of what the answer must say: no traceback of something else, and no long wait.
+A table of mistakes and their answers: no unrelated traceback, and no long wait.
 """
 
 import re
@@ -89,7 +89,7 @@ def session(server: Server) -> Iterator[Session]:
 
 
 def two_holders(server: Server) -> None:
-    """The first one goes on after another one has taken the session."""
+    """The first client continues after another one has resumed the session."""
     first = server.open(mesh(), {"support_radius": 0.5})
     try:
         with server.resume(first.credentials):
@@ -138,7 +138,7 @@ MOVES: dict[str, tuple[Callable[[Session], Any], str]] = {
     "three coordinates in a plane": (lambda s: s.move(np.zeros((ROWS, 3))), r"shape \(12, 2\).*got \(12, 3\)"),
     "a row for every node": (
         lambda s: s.move(np.zeros((723, 2))),
-        r"one row a moving node, got \(723, 2\).*moving_nodes",
+        r"one row for each moving node, got \(723, 2\).*moving_nodes",
     ),
     "rows lying down": (lambda s: s.move(np.zeros((2, ROWS))), r"got \(2, 12\)"),
     "not a number": (

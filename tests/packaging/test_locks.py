@@ -1,4 +1,4 @@
-"""The exact environments fit the requirements, name a hash for each file, and no place to fetch it from."""
+"""The exact environments fulfil the requirements, have a hash for each file, and name no package index."""
 
 import re
 import tomllib
@@ -31,7 +31,7 @@ def pins(name: str) -> dict[str, list[str]]:
 
 
 def required(extra: str) -> list[Requirement]:
-    """What a base or an extra requires, with the extras that it names."""
+    """Requirements of a base or an extra, with the extras that it names."""
     found = [Requirement(line) for line in BASES.get(extra) or EXTRAS[extra]]
     inner = [part for requirement in found if requirement.name == "mesh-motion-server" for part in requirement.extras]
     return [r for r in found if r.name != "mesh-motion-server"] + [r for part in inner for r in required(part)]

@@ -1,4 +1,4 @@
-"""The manual pages are those of the commands, and every example that a command shows works as it stands."""
+"""The manual pages agree with the commands, and every example of a command works unchanged."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def free_port() -> int:
 
 @pytest.fixture(scope="module")
 def shell(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Shell]:
-    """A folder with what the examples name, and a server at the endpoint that they name."""
+    """A folder with the files of the examples, and a server at their endpoint."""
     shell = Shell(tmp_path_factory.mktemp("shown"))
     for line in ("mesh-motion keys client alice .", "mesh-motion keys client dashboard ."):
         assert shell.run(line) == ""

@@ -41,7 +41,7 @@ def conda_versions(lines: list[str]) -> dict[str, SpecifierSet]:
 
 
 def spack_calls(name: str, function: str) -> list[tuple]:
-    """The arguments of each call of a directive: first ones, named ones."""
+    """Arguments of each call of a directive: the positional ones, then the named ones."""
     tree = ast.parse((FOLDER / "spack" / name / "package.py").read_text(encoding="utf-8"))
     return [
         (*map(ast.literal_eval, node.args), {key.arg: ast.literal_eval(key.value) for key in node.keywords})

@@ -1,4 +1,4 @@
-"""Each check of a release refuses what it is there for; two builds are bitwise equal, and nothing else is changed."""
+"""Each check of a release refuses its fault; two builds are bitwise equal, and nothing else is changed."""
 
 import hashlib
 import re
@@ -139,7 +139,7 @@ def test_what_is_ready_passes_and_is_built_twice_the_same(
 
 
 def test_builds_that_differ_are_refused(clone: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """A seeded fault: a builder that writes down what time it is."""
+    """A seeded fault: a builder that writes the current time into the file."""
 
     def stamped(root: Path, folder: Path, epoch: str) -> list[Path]:
         (folder / "a.whl").write_text(str(time.time_ns()))

@@ -1,4 +1,4 @@
-"""Frame 0 to the byte: what is just admitted, what is just refused."""
+"""Frame 0 to the byte: headers that are just admitted, and headers that are just refused."""
 
 import sys
 
@@ -77,7 +77,7 @@ def test_what_is_no_map_of_text_to_values_is_refused(frame: bytes) -> None:
 
 
 def test_arrays_and_maps_of_every_form_of_length() -> None:
-    """Of up to 15 items, and of more with 2 bytes of length or, though it is not the shortest, 4."""
+    """Maps of up to 15 items, and larger ones with 2 bytes of length or, though it is not the shortest, 4."""
     for items in (0, 1, 15, 16, CONTAINER_ITEMS):
         header = {"a": list(range(items)), "b": {str(number): "x" * number for number in range(items)}}
         assert unpack(msgpack.packb(header)) == header
@@ -85,7 +85,7 @@ def test_arrays_and_maps_of_every_form_of_length() -> None:
 
 
 def test_no_key_is_interned_however_deep_it_is() -> None:
-    """Python 3.12.0 to 3.12.6 never gives an interned string back, so that ever new keys would fill the memory."""
+    """Python 3.12.0 to 3.12.6 never frees an interned string, so ever new keys would fill the memory."""
 
     def is_interned(text: str) -> bool:
         return sys.intern("".join(text)) is text  # the one that is there already, or this copy

@@ -1,4 +1,4 @@
-"""Arrays in memory that the receiver of a reply shares: the same values, no frames, and nothing else is touched."""
+"""Arrays in memory shared with the receiver of a reply: the same values, no frames, and nothing else is changed."""
 
 import os
 import struct
@@ -44,7 +44,7 @@ def test_a_small_array_and_one_that_does_not_fit_have_frames():
 
 
 def test_memory_that_could_be_cut_off_is_left_alone():
-    """Who maps a file that somebody makes smaller is ended by a signal."""
+    """A signal ends a process that reads a mapped file after another process has made it smaller."""
     unsealed = os.memfd_create("unsealed")
     os.pwrite(unsealed, b"k" * 16 + bytes(2 * ROWS.nbytes), 0)
     assert len(encode(moved(), {"process": os.getpid(), "descriptor": unsealed, "key": b"k" * 16})) == 3
@@ -109,7 +109,7 @@ def test_what_is_no_offer_is_left_alone(change):
 
 @pytest.mark.parametrize("folder", ["/var/tmp", "/dev/shm"])
 def test_no_other_file_is_written_to(folder):
-    """A file on a disk or in a folder of memory that begins with the key, and a descriptor that is none of a file."""
+    """A file on a disk or in a memory folder that begins with the key, and a descriptor that is not a file's."""
     key = b"k" * 16
     reader, writer = os.pipe()
     with NamedTemporaryFile(dir=folder) as file:

@@ -1,4 +1,4 @@
-"""One displacement of a node that several parts give: the tolerance, the choice, and what is refused."""
+"""One displacement for a node of several parts: the tolerance, the choice, and refusals."""
 
 import itertools
 

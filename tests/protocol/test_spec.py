@@ -1,4 +1,4 @@
-"""SPEC.md says what the code does: its tables, its codes, its example bytes."""
+"""SPEC.md agrees with the code: its tables, its codes, its example bytes."""
 
 import dataclasses
 import re

@@ -1,4 +1,4 @@
-"""The golden vectors: bit-exact, complete, and what they claim."""
+"""The golden vectors: bit-exact, complete, and in agreement with their descriptions."""
 
 import pytest
 from mesh_motion_protocol.codec import decode, encode

@@ -34,7 +34,7 @@ def cube_less_box() -> None:
 
 
 def named(dimension: int) -> dict[str, np.ndarray]:
-    """Generate; the mesh with the patches outer and body."""
+    """Generate the mesh; return it with the patches outer and body."""
     gmsh.model.mesh.generate(dimension)
     points, cells, boundary = arrays(dimension)
     outer = boundary[np.any((points[boundary] < 1e-9) | (points[boundary] > 1 - 1e-9), axis=1)]

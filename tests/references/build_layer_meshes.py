@@ -41,7 +41,7 @@ def builder(example: str) -> ModuleType:
 
 
 def built(module: ModuleType) -> MeshFile:
-    """The mesh that the module builds, wherever it would write it."""
+    """The mesh that the module builds, without the file that it would write."""
     with tempfile.TemporaryDirectory() as folder:
         module.__file__ = f"{folder}/build_mesh.py"
         module.main()

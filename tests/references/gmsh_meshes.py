@@ -1,4 +1,4 @@
-"""What the scripts of this folder share: Gmsh without its words, rectangles, and a model's mesh as arrays."""
+"""Common parts of the scripts of this folder: Gmsh without its words, rectangles, and a model's mesh as arrays."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -1,4 +1,4 @@
-"""Key files and the allow-list: what is written is read, what is unsafe or wrong is refused."""
+"""Key files and the allow-list: written files can be read, unsafe or wrong files are refused."""
 
 import os
 import stat

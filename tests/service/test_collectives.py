@@ -1,4 +1,6 @@
-"""Collective requests: all partitions together, bitwise the same for any number of them, and every way to disagree."""
+"""Collective requests: all partitions together, bitwise the same for any number of them, and all kinds of
+disagreement.
+"""
 
 from typing import Any
 
@@ -50,7 +52,7 @@ def test_a_partition_without_moving_nodes_takes_part(store: Any) -> None:
 
 
 def test_the_end_of_the_run_is_shown_until_another_one_is(pair: Any, store: Any) -> None:
-    """With several partitions the largest counts: each may estimate it by itself."""
+    """With several partitions the largest value counts: each partition may estimate it separately."""
     pair.move(1)
     replies = pair.send(pair.request(Commit, 0, step=1, final_step=40))
     replies += pair.send(pair.request(Commit, 1, step=1, final_step=50))

@@ -57,7 +57,7 @@ def test_partitions_get_what_one_gets(store: Any, whole: Any) -> None:
 
 
 def test_they_change_nothing(store: Any, whole: Any) -> None:
-    """Neither the trial nor the digest of its commit, nor what a resumed session answers."""
+    """Neither the trial nor the digest of its commit changes, nor the answers of a resumed session."""
     other = new_session(store, [boxed(12)], "4" * 32, support_radius=0.8)
     other.open()
     digests = []

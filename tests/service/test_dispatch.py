@@ -36,7 +36,7 @@ def test_a_life(driver: Any, store: Any) -> None:
         x = x + moved.displacement
         (committed,) = driver.all(Commit, step=step)
         assert (committed.step, committed.durable_step) == (step, step)
-        # a client that adds up the answers has the server's coordinates bitwise, and can prove it
+        # a client that adds the answers has the server's coordinates bitwise, and can prove it
         assert committed.digest == state_digest(step, x)
         fetched = driver.ask(Fetch)
         assert fetched.points.tobytes() == x.tobytes()
@@ -70,7 +70,7 @@ def test_status(ready: Any) -> None:
 
 
 def test_unknown_words_and_tokens_are_refused_and_change_nothing(driver: Any) -> None:
-    """At a socket these are refused before; the table of bad inputs asks with many more of them."""
+    """The decoder refuses these at a socket; the table of bad inputs has many more of them."""
     driver.join()
     assert driver.ask(Upload, item="edges", rows=np.zeros((1, 2))).code == "INVALID_ARGUMENT.VALUE"
     driver.upload()

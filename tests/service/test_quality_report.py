@@ -1,4 +1,4 @@
-"""What a later coupling iteration reports of the quality: what decides alone, as exact."""
+"""The quality report of a later coupling iteration: only the values for a decision, equally exact."""
 
 from typing import Any
 

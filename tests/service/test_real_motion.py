@@ -1,4 +1,4 @@
-"""The real numerics behind the requests: quality, refusal, partitions and a resume, bitwise."""
+"""The real numerics under the requests: quality, refusal, partitions and a resume, bitwise."""
 
 import time
 from types import SimpleNamespace
@@ -29,7 +29,7 @@ def driver_of(store: Any, meshes: list[Any], session: str = SESSION, **settings:
 def test_any_number_of_partitions_and_any_interruption_give_the_same_bits(
     store: Any, correction: str, mirrored: int
 ) -> None:
-    """Also where every so many cells are listed clockwise."""
+    """Also if every n-th cell is listed clockwise."""
     whole = boxed(12)
     if mirrored:
         whole.cells["triangle"][::mirrored] = whole.cells["triangle"][::mirrored, ::-1]
@@ -226,7 +226,9 @@ DEMANDING = {"quality_threshold": 0.9, "refuse_below_threshold": True}
 
 
 def test_a_limit_of_computing_ends_any_move_and_changes_nothing(store: Any, ticking: list[int]) -> None:
-    """However far the computation came: it is refused for the time, without a fraction, or with the same one."""
+    """At any point of the computation: the refusal names the time limit, without a fraction or with the same
+    fraction.
+    """
     driver = driver_of(store, [boxed(12)], **DEMANDING)
     driver.open()
     trial = driver.all(Move, bulge(driver, 0.01), step=1)[0]

@@ -1,4 +1,4 @@
-"""Times, velocities and swept volumes: levels survive all that a session survives, and a uniform flow stays uniform."""
+"""Times, velocities and swept volumes: levels survive as the session does, and a uniform flow stays uniform."""
 
 from dataclasses import replace
 from typing import Any
@@ -59,7 +59,7 @@ def run(driver: Driver, scheme: str, steps: int = 4) -> list[np.ndarray]:
 
 @pytest.mark.parametrize("scheme", ["bdf1", "bdf2", "bossak"])
 def test_velocities_are_those_of_the_positions_that_were_answered(store: Any, scheme: str) -> None:
-    """By a second look at the formulas: the moving nodes' displacement is known in closed form."""
+    """Computed a second time from the formulas: the moving nodes' displacement has a closed form."""
     driver = session(store, [boxed(8)], time_levels="" if scheme == "bdf1" else scheme)
     found = run(driver, scheme)
     moving = driver.moving[0]
@@ -97,7 +97,7 @@ def test_a_tangent_is_the_derivative_at_the_trial(store: Any) -> None:
 @pytest.mark.parametrize("scheme", ["bdf1", "bdf2", "bossak"])
 @pytest.mark.parametrize("level", ["full", "replay", "relaxed"])
 def test_levels_are_there_after_a_kill_and_after_a_rollback(store: Any, scheme: str, level: str) -> None:
-    """Bit for bit: velocities of every later step, and digests, which are those of the levels too."""
+    """Equal bit for bit: velocities of every later step, and digests, which include the levels."""
     kept = "" if scheme == "bdf1" else scheme
     undisturbed = session(store, [boxed(6)], "1" * 32, time_levels=kept, durability=level)
     expected = run(undisturbed, scheme)
@@ -231,10 +231,10 @@ def lower(driver: Driver, by: float) -> list[np.ndarray]:
 
 @pytest.mark.parametrize("mesh", [triangular(), cubic()], ids=["triangles", "tetrahedra"])
 def test_a_uniform_flow_stays_uniform(store: Any, mesh: PartitionMesh) -> None:
-    """ALE advection by finite volumes, upwind, implicit in nothing: V u = V₀ u₀ - Σ (U · S Δt - swept) u_up.
+    """ALE advection with finite volumes, upwind and explicit: V u = V₀ u₀ - Σ (U · S Δt - swept) u_up.
 
-    The flux of the flow through a closed cell is nothing, so only swept volumes that add up to the change of the
-    cell's volume keep u = 1. With velocities times areas of the new mesh, which look as good, it is lost.
+    The flux of a uniform flow through a closed cell is zero, so u = 1 is kept only if the swept volumes sum to the
+    change of the cell's volume. With velocities times areas of the new mesh, a usual alternative, it is not kept.
     """
     driver = session(store, [mesh])
     ((kind, cells),) = mesh.cells.items()
@@ -268,7 +268,7 @@ def simplex_volumes(x: np.ndarray) -> np.ndarray:
 
 
 def area_vectors(x: np.ndarray) -> np.ndarray:
-    """(m, f, d) of faces (m, f, d, d)."""
+    """(m, f, d) area vectors of faces (m, f, d, d)."""
     if x.shape[-1] == 2:
         edge = x[:, :, 1] - x[:, :, 0]
         return np.stack([edge[..., 1], -edge[..., 0]], axis=-1)

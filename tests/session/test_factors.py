@@ -1,4 +1,4 @@
-"""The factor cache: reuse, its byte budget, and what it counts."""
+"""The factor cache: reuse, its byte limit, and its counts."""
 
 from dataclasses import dataclass
 from unittest import mock

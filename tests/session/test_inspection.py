@@ -1,4 +1,4 @@
-"""Inspection: what is there, what verifies, and not a byte changed."""
+"""Inspection: it reports and verifies all data, and changes no byte."""
 
 import json
 from dataclasses import asdict

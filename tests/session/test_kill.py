@@ -1,4 +1,4 @@
-"""Kills of a process that commits, with SIGKILL: the row `kill-9` with a few; one process a session."""
+"""SIGKILL of a process that commits: the row `kill-9` with a few kills; one process per session."""
 
 from pathlib import Path
 from random import Random

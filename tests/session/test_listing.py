@@ -1,4 +1,4 @@
-"""What lists read of a journal: as much as is used, and the same as from the whole."""
+"""Reads of lists in a journal: only the needed parts, with the same result as from the whole."""
 
 import os
 from pathlib import Path
@@ -169,7 +169,7 @@ def test_of_large_meshes_a_list_reads_heads_only(journal: Any) -> None:
 
 
 def test_what_may_still_change_unseen_is_not_remembered(five: SessionStore, reads: list[str]) -> None:
-    """Within the tick of a file system's clock two changes bear the same time."""
+    """Within one tick of a file system's clock two changes have the same time."""
     five.sessions()
     five.sessions()
     assert len(reads) == 10

@@ -1,4 +1,6 @@
-"""Files of sessions that are missing, or that the system does not give: nothing is removed, and the rest is served."""
+"""Files of sessions that are missing, or that the system cannot read: nothing is removed, and the other sessions are
+served.
+"""
 
 import errno
 import os
@@ -93,7 +95,7 @@ def make_folder(path: Path) -> None:
 def test_a_resume_that_is_refused_changes_nothing(
     store: SessionStore, durability: str, names: list[str], damage: Callable[[Path], None]
 ) -> None:
-    """Even where a crash left the journal to be settled."""
+    """Even if a crash left a journal that needs repair."""
     limits = ServerSettings(snapshot_steps=2)
     driver = make_driver(store, [grid_mesh()], spec={"durability": durability}, limits=limits)
     driver.open()
@@ -118,7 +120,7 @@ def test_a_resume_that_is_refused_changes_nothing(
 def test_an_older_backups_mark_among_newer_files_removes_nothing(
     store: SessionStore, durability: str, steps: int
 ) -> None:
-    """A folder of before BUILD was copied over it, and the manifest was lost."""
+    """An old folder from before BUILD was copied over it, and the manifest was lost."""
     folder = build(store, steps=steps, spec={"durability": durability})
     (folder / UNBUILT).touch()
     (folder / "manifest").unlink()
@@ -206,7 +208,7 @@ def test_an_error_of_the_disk_is_no_missing_file(store: SessionStore, name: str,
 
 
 class Counting(PosixFileSystem):
-    """Refuses to read more than a small session has."""
+    """Refuses reads of more bytes than a small session has."""
 
     def read(self, handle: int, offset: int, size: int) -> bytes:
         assert size <= 4 << 20
@@ -216,7 +218,7 @@ class Counting(PosixFileSystem):
 @pytest.mark.parametrize("damaged", [False, True])
 @pytest.mark.parametrize("name", [SPEC, "manifest", "mesh.bin"])
 def test_a_file_that_seems_huge_is_not_read(store: SessionStore, name: str, damaged: bool) -> None:
-    """A length that a damaged file system gives: one session's, whatever its first bytes are."""
+    """A file length from a damaged file system affects one session only, for any first bytes."""
     folder = build(store)
     if damaged:
         (folder / name).write_bytes(b"")
@@ -234,7 +236,7 @@ def test_a_file_that_seems_huge_is_not_read(store: SessionStore, name: str, dama
 def test_a_session_is_not_removed_by_a_create_that_fails(
     store: SessionStore, monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:
-    """An id that is there already, and a disk that does not say so."""
+    """An id that exists already, on a disk that does not report it."""
     before = content(build(store))
 
     def fail(*_: Any) -> Any:

@@ -1,4 +1,4 @@
-"""A session without requests: values are swapped as a whole, and what is given out cannot be changed."""
+"""A session without requests: values are replaced as a whole, and returned arrays cannot be changed."""
 
 import os
 from dataclasses import replace
@@ -216,7 +216,7 @@ def test_the_quality_is_that_of_the_committed_coordinates_bitwise(tmp_path: Path
 
 
 def apart(root: Path, loose: tuple[tuple[float, float], ...] = (), **changes: Any) -> Session:
-    """A square body in a square frame, of which the session has the boundary only; ``loose``: nodes on no patch."""
+    """A square body in a square frame; the session has only the boundary; ``loose``: nodes on no patch."""
     body = [(x, y) for x in (0.4, 0.6) for y in (0.4, 0.6)]
     frame = [(x, y) for x in (0.0, 0.5, 1.0) for y in (0.0, 0.5, 1.0) if (x, y) != (0.5, 0.5)]
     chosen = {"displacement": "absolute", "correction": "none", "sub_steps": "never"}
@@ -231,7 +231,7 @@ def apart(root: Path, loose: tuple[tuple[float, float], ...] = (), **changes: An
 
 
 def whole_region(extent: Extent, *, whole: bool = True) -> list[Region]:
-    """The triangles between the body's left side and the frame's, about a node too near to the body."""
+    """The triangles between the left sides of body and frame, around a node too near to the body."""
     points = np.array([[0.4, 0.4], [0.4, 0.6], [0.0, 0.0], [0.0, 0.5], [0.0, 1.0], [0.2, 0.5]])
     ids, fan = np.array([0, 1, 4, 5, 6, 12]), [[5, 2, 0], [5, 0, 1], [5, 1, 4], [5, 4, 3], [5, 3, 2]]
     positions = np.where(ids[:, None] == 12, [0.39, 0.5], points)
@@ -239,7 +239,7 @@ def whole_region(extent: Extent, *, whole: bool = True) -> list[Region]:
 
 
 def quality_of(squeezed: float) -> Any:
-    """That of a few triangles that are squeezed along y."""
+    """The quality of a few triangles that are squeezed along y."""
     points, cells = tiny_mesh("triangle", 2)
     return mesh_summary(points * [1.0, squeezed], cells, reference_sizes(points, cells))
 
@@ -292,7 +292,7 @@ def test_a_trial_whose_cells_are_with_the_client_is_corrected_and_so_again_once_
 
 def test_a_boundary_of_which_a_node_is_on_no_patch_does_not_determine_the_motion(tmp_path: Path) -> None:
     session = apart(tmp_path, loose=((0.5, 0.8),))
-    with pytest.raises(InvalidInput, match="global id 12 is on the boundary and on no patch"):
+    with pytest.raises(InvalidInput, match="global id 12 is on the boundary, but on no patch"):
         session.build()
     session.close()
 
@@ -321,7 +321,7 @@ def test_a_commit_that_the_journal_does_not_take_can_be_repeated(level: str, mon
 
 
 def test_a_failure_that_a_commit_has_reported_is_not_reported_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    """With "relaxed" the disk may fail between a request's admission and its commit; CLOSE goes on then."""
+    """With "relaxed" the disk may fail between a request's admission and its commit; CLOSE then continues."""
     session, _ = with_a_trial("relaxed")
     keeper = session._built.keeper  # type: ignore[union-attr]
 

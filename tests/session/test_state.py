@@ -1,4 +1,4 @@
-"""The state table: complete, and each refusal says why."""
+"""The state table is complete, and each refusal gives a reason."""
 
 import pytest
 from mesh_motion_protocol.errors import SessionError
@@ -10,7 +10,7 @@ REFUSED = [(state, o) for state, row in TABLE.items() for o, cell in row.items()
 
 @pytest.mark.parametrize(("state", "operation"), REFUSED, ids=str)
 def test_what_is_refused(state: State, operation: Operation) -> None:
-    """Which cells these are, and where the others lead, is shown by the row of the state machine."""
+    """The row of the state machine tests the content of the cells."""
     with pytest.raises(SessionError) as caught:
         admit(state, operation)
     assert f"{operation} is not allowed in state {state}: " in caught.value.message

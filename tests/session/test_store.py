@@ -1,4 +1,4 @@
-"""Folders of sessions: rights, locks, lists, and what is removed."""
+"""Folders of sessions: rights, locks, lists, and removal."""
 
 import json
 import stat

@@ -1,4 +1,6 @@
-"""The store's files: locks and handles are given back, nothing is lost without power, nothing is left without room."""
+"""The store's files: locks and handles are released, a power loss loses nothing, and a full disk leaves nothing
+behind.
+"""
 
 import errno
 import threading
@@ -24,7 +26,7 @@ NODES = len(grid_mesh().points)
 
 
 class Counted(PosixFileSystem):
-    """Knows which handles are open, and what was opened for writing."""
+    """Records open handles, and files opened for writing."""
 
     def __init__(self) -> None:
         self.handles: set[int] = set()
@@ -144,7 +146,7 @@ def test_a_mesh_that_is_refused_is_removed_once_it_is_written(
 def test_a_session_that_the_disk_does_not_take_leaves_nothing(
     store: SessionStore, files: Counted, plan_fault: Any, point: str
 ) -> None:
-    """Found by mutating the store: the lock of a folder that could not be made was never given back."""
+    """A fault found by a mutation of the store: the lock of a folder that could not be created was never released."""
     plan_fault(f"store.create.{point}=raise:ENOSPC@1")
     with pytest.raises(ResourceExhausted, match="the session cannot be stored"):
         store.create(make_spec())

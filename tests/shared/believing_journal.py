@@ -1,4 +1,4 @@
-"""A seeded bug: a journal that takes the content of a slot for a state, without regard to checksum and digest."""
+"""A seeded bug: a journal that accepts the content of a slot as a state, without checking checksum and digest."""
 
 from typing import Any
 

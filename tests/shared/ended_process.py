@@ -1,4 +1,4 @@
-"""A process that has ended, as its parent sees it."""
+"""An ended process from its parent's view."""
 
 from mesh_motion_server.transport.channel import Channel
 from mesh_motion_server.transport.processes import Child

@@ -350,7 +350,9 @@ def foam(path: Path) -> None:
 
 
 def universal(path: Path) -> None:
-    """As Salome writes it: a group of faces, one of nodes, one of both kinds, one of the cells; edges as Cubit."""
+    """A file like those of Salome: a group of faces, one of nodes, one of both kinds, one of the cells; edges as
+    Cubit.
+    """
     nodes = "".join(
         f"{k:10}{1:10}{1:10}{11:10}\n" + "".join(f"{v:25.16E}".replace("E", "D") for v in xyz) + "\n"
         for k, xyz in enumerate(POINTS.tolist(), start=1)

@@ -58,7 +58,7 @@ def sizes(mesh: MeshFile) -> dict[str, NDArray[np.float64]]:
 
 
 def refused_when_damaged(mesh: Path, file: Path, count: int, random: np.random.Generator) -> int:
-    """How often a mesh is refused, in one line each, while ``file`` of it has other bytes or is cut."""
+    """Count refusals of a mesh, each in one line, while ``file`` of it has other bytes or is cut."""
     content, refusals = file.read_bytes(), list[str]()
     for _ in range(count):
         damaged = bytearray(content)

@@ -135,7 +135,9 @@ def on_ranks(server, parts, work, settings=SETTINGS):
 
 
 def assert_same_derivatives(server, whole, ranks, motion):
-    """Of a move by ``motion(points)``, on one rank and on several: those of a session with the whole mesh."""
+    """Check a move by ``motion(points)`` on one rank and on several: the results are those of a session with the whole
+    mesh.
+    """
     weights, holders = np.random.default_rng(1).normal(size=whole.points.shape), np.ones(len(whole.points))
 
     def drive(session, part):
@@ -152,14 +154,16 @@ def assert_same_derivatives(server, whole, ranks, motion):
         if len(parts) > 1:
             holders = np.bincount(np.concatenate([part.global_ids for part in parts]))
         for found, back, ids, own in on_ranks(server, parts, drive, {}):
-            # where each begins its iterations, the minimum is found to 1e-9
+            # the iterations start from different values, and the minimum is found to 1e-9
             np.testing.assert_allclose(found, velocity[ids], rtol=0.0, atol=1e-7 * np.abs(velocity).max())
             rows = expected[np.searchsorted(moving, own)]
             np.testing.assert_allclose(back, rows, rtol=0.0, atol=1e-6 * np.abs(expected).max())
 
 
 def assert_kept_after_kill_9(folder, whole, drive, durability):
-    """The nodes after ``drive(session, mesh)`` are those of the server that follows, which drives on bitwise alike."""
+    """Check that the nodes after ``drive(session, mesh)`` are those of the next server, which continues with the same
+    bits.
+    """
     with ServerProcess(folder) as server, connect(server.endpoint) as client:
         session = client.open(whole, evaluation="client", durability=durability)
         points = drive(session, whole)[-1][1]

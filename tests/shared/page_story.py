@@ -130,7 +130,7 @@ def _command(block: Block) -> str:
 
 
 def _run(script: str, folder: Path) -> subprocess.CompletedProcess[str]:
-    """In a folder with the checkout's folders, its own home, and addresses that are free."""
+    """Run it in a folder with the checkout's folders, a separate home, and free addresses."""
     for name, module in (("mesh-motion", " -m mesh_motion_server"), ("dask", " -m dask"), ("python", "")):
         program = folder / "bin" / name
         program.parent.mkdir(exist_ok=True)

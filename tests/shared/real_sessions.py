@@ -41,6 +41,6 @@ def new_session(
 
 
 def computes_as_servers() -> bool:
-    """Whether BLAS here uses the code that servers use (transport/processes.py): not on machines with AVX-512."""
+    """Whether BLAS here uses the same code as in servers (transport/processes.py): not on machines with AVX-512."""
     own = {library.get("architecture") for library in threadpool_info()}
     return not own & {"SkylakeX", "Cooperlake", "SapphireRapids"}

@@ -9,7 +9,7 @@ import mesh_motion_kernels as kernels
 
 @contextmanager
 def on_threads(threads: int) -> Iterator[None]:
-    """Compiled loops of the calling thread use so many threads inside."""
+    """Let compiled loops of the calling thread use this number of threads inside."""
     before = kernels.get_threads()
     kernels.set_threads(threads)
     try:

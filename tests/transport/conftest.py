@@ -1,4 +1,4 @@
-"""A server with the fake service in processes of its own, and a bare client."""
+"""A server with the fake service in separate processes, and a minimal client."""
 
 import json
 import os
@@ -31,7 +31,7 @@ class Server(ServerProcess):
 
 
 class Wire:
-    """A DEALER that asks one question at a time."""
+    """A DEALER that sends one request at a time."""
 
     def __init__(self, context, endpoint, keys=None, routing_id=b"", *, at_once=True):
         self.socket = context.socket(zmq.DEALER)
@@ -86,7 +86,7 @@ def start(tmp_path):
 
 @pytest.fixture(scope="module")
 def lasting_server(tmp_path_factory):
-    """One server for a module whose tests leave it alone."""
+    """One server for a module whose tests do not change it."""
     servers = []
     yield server_starter(tmp_path_factory.mktemp("lasting"), servers)()
     for server in servers:
@@ -130,7 +130,7 @@ class ClientKeys:
 
 @pytest.fixture(scope="session")
 def make_keys(tmp_path_factory):
-    """(name, the server's key folder) → keys that nothing admits yet."""
+    """(name, the server's key folder) → keys that are not admitted yet."""
 
     def make(name, server_folder):
         server = PublicKey.load(server_folder / "server.public").key

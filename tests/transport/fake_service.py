@@ -1,4 +1,4 @@
-"""A session that computes nothing: what transport's own tests put in place of the real one.
+"""A session that computes nothing, a replacement of the real one for the tests of transport.
 
 Its state is one small file per session. Labels ask for trouble: ``slow`` holds MOVE until a file named ``go`` lies in
 the state folder, ``crash`` ends the process in MOVE, ``broken`` fails to open, ``bad-reply`` answers with a message

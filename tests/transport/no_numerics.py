@@ -1,4 +1,4 @@
-"""What the template runs where the numerics cannot be imported."""
+"""Program of the template if the numerics cannot be imported."""
 
 from importlib import import_module
 

@@ -1,6 +1,6 @@
 """Runs a server with the fake service: ``python run_server.py SETTINGS_JSON READY_FILE [WORD…]``.
 
-Words: insecure, no-numerics; stopped-at-once: SIGTERM comes as soon as the server has said that it is ready.
+Words: insecure, no-numerics; stopped-at-once: SIGTERM comes as soon as the server has reported that it is ready.
 """
 
 import os

@@ -1,4 +1,4 @@
-"""The attacks of the threat model against a server, and against a careless one: there each of them does its harm."""
+"""The attacks of the threat model on a server, and on a careless one, where each attack succeeds."""
 
 import contextlib
 import resource
@@ -26,7 +26,7 @@ ONES = np.ones((2, 2))
 
 @contextlib.contextmanager
 def careless(**options):
-    """A ROUTER of somebody who has not read docs/security.md, and its context."""
+    """A ROUTER without the protections of docs/security.md, and its context."""
     context = limited_context()
     socket = context.socket(zmq.ROUTER)
     for name, value in options.items():
@@ -41,7 +41,7 @@ def careless(**options):
 
 @pytest.fixture(scope="module", params=["without keys", "with keys"])
 def target(request, make_module_server, tmp_path_factory, make_keys):
-    """A server whose handshakes have half a second, with and without keys."""
+    """A server with a limit of half a second for handshakes, with and without keys."""
     settings, keys = {"handshake_seconds": 0.5, "worker_memory_bytes": 256 * MIB}, None
     if request.param == "with keys":
         folder = tmp_path_factory.mktemp("keys")
@@ -56,7 +56,7 @@ def target(request, make_module_server, tmp_path_factory, make_keys):
 
 @pytest.fixture
 def victim(target, connect):
-    """A session on the target and the pids of the processes that are attacked."""
+    """A session on the target and the pids of the attacked processes."""
     opened = connect(target.endpoint, target.client_keys).ask(Open, dimension=2)
     data = connect(opened.endpoint, target.client_keys)
     at = {"session": opened.session, "epoch": 1}
@@ -168,7 +168,7 @@ def test_a_header_of_empty_maps_is_refused_before_it_is_built(target, victim, co
 @pytest.mark.parametrize("where", ["control", "data"])
 @pytest.mark.parametrize("at", ["header", "fields", "arrays"])
 def test_a_name_too_long_for_the_answer_is_not_repeated_in_it(target, victim, connect, where, at):
-    """A header of 40 kB is within the limits; an answer that says it twice would not be."""
+    """A header of 40 kB is within the limits; an answer that repeats it twice would not be."""
     endpoint, pid = victim[where]
     wire = connect(endpoint, target.client_keys)
     header = msgpack.unpackb(encode(Ping(client=wire.client, sequence=1))[0])
@@ -242,7 +242,7 @@ def protected(status, *, enforce=True, handled=True):
         socket.setsockopt(zmq.MAXMSGSIZE, 1 << 16)
         protection.protect(socket)
         socket.setsockopt(zmq.ZAP_ENFORCE_DOMAIN, int(enforce))
-        # one that gets no answer ends by this time, all others before it, on a busy machine too
+        # a connection without an answer ends by this time, all others before it, on a busy machine too
         socket.setsockopt(zmq.HANDSHAKE_IVL, 300 if status is None and enforce else 30_000)
         port = socket.bind_to_random_port("tcp://127.0.0.1")
         yield f"tcp://127.0.0.1:{port}", protection, turn

@@ -1,4 +1,4 @@
-"""The line between the supervisor and its children: neither end waits for one that does not read."""
+"""The line between the supervisor and its children: neither end waits for an end that does not read."""
 
 import time
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""Control requests with workers that are scripted: which words of a worker outlive it."""
+"""Control requests with scripted workers: the words of a worker that survive its end."""
 
 import threading
 import time
@@ -23,7 +23,7 @@ CLIENT = bytes(16)
 
 
 class Scripted:
-    """A control whose workers do nothing, and what it answered."""
+    """A control whose workers do nothing, and its answers."""
 
     def __init__(self, folder: Path) -> None:
         self.replies: list[Any] = []
@@ -64,7 +64,7 @@ def served(folder: Path) -> tuple[Scripted, Any]:
 def test_a_worker_that_ended_as_it_should_says_nothing_of_the_next_one(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, is_stored: bool
 ) -> None:
-    """The session is over just when RESUMEs ask for it: another worker takes it up if it is stored, and dies later."""
+    """The session ends at the moment of RESUMEs for it: another worker resumes it if it is stored, and ends later."""
     scripted, live = served(tmp_path)
     (opened,) = scripted.replies
     assert isinstance(opened, Opened)
@@ -126,7 +126,7 @@ def test_a_socket_file_that_cannot_be_removed_ends_nothing(tmp_path: Path, monke
 
 
 def test_a_worker_that_writes_for_a_new_holder_is_given_the_time_of_a_drain(tmp_path: Path) -> None:
-    """What it writes may have been answered: killing it would lose commits of level "relaxed"."""
+    """Its unwritten steps may have been answered: a kill would lose commits of level "relaxed"."""
     scripted, live = served(tmp_path)
     scripted.control.reported(live, {"event": "reclaiming"})
     assert live.deadline is None

@@ -40,7 +40,7 @@ def test_what_is_no_endpoint(text):
 
 
 def test_a_path_that_leaves_no_room_for_the_workers():
-    with pytest.raises(EndpointError, match="must leave room in 107 bytes"):
+    with pytest.raises(EndpointError, match="must fit into 107 bytes"):
         Endpoint.parse("ipc:///" + "x" * 100 + "/c")
 
 

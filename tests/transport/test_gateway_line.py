@@ -1,4 +1,4 @@
-"""The gateway as the supervisor has it, with gateways that are scripted: nothing that they do holds the loop up."""
+"""The gateway from the supervisor's view, with scripted gateways: none of their actions stops the loop."""
 
 import selectors
 import time
@@ -41,7 +41,7 @@ class Script:
         return self.children[-1]
 
     def turn(self) -> None:
-        """What the supervisor's loop does, without waiting."""
+        """One pass of the supervisor's loop, without waiting."""
         for key, _ in self.selector.select(0):
             key.data(key.fileobj)
         self.line.keep_time(time.monotonic())
@@ -138,7 +138,7 @@ def test_one_that_cannot_start_again_and_again_is_lost(started: Script) -> None:
 
 
 def test_one_that_a_client_makes_fall_again_and_again_is_not_lost(started: Script) -> None:
-    """The sessions go on; the pauses keep the falls from taking all of a processor."""
+    """The sessions continue; pauses between the failures keep a processor free."""
     now, pauses = time.monotonic(), []
     for _ in range(2 * module._STARTS):
         started.theirs[-1].close()

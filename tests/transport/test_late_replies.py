@@ -1,4 +1,4 @@
-"""Replies that wait: due so long after their question, however long the answer took to find."""
+"""Delayed replies: due at a fixed time after their request, for any duration of the search."""
 
 from types import SimpleNamespace
 
@@ -9,7 +9,7 @@ from mesh_motion_server.transport.late_replies import LateReplies
 
 
 class Clock:
-    """Time that stands still unless somebody sleeps."""
+    """A clock that stands still except in sleeps."""
 
     def __init__(self) -> None:
         self.now = 100.0

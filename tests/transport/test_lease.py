@@ -1,4 +1,4 @@
-"""The lease of a worker: who connects as soon as the endpoint is known keeps it."""
+"""The lease of a worker: a client that connects as soon as it knows the endpoint keeps it."""
 
 import socket
 import threading
@@ -16,7 +16,7 @@ from tests.faults.limited_context import limited_context
 
 
 class Line:
-    """The supervisor's end, in this process: a client that waits for the endpoint connects before all else."""
+    """The supervisor's end of the line, in this process: a client that waits for the endpoint connects first."""
 
     def __init__(self, connect):
         self.connect, self.events = connect, []

@@ -1,4 +1,4 @@
-"""What is logged is bounded, contains nothing that was sent, and says how much was left out."""
+"""The log is bounded, contains no data of clients, and counts its omitted lines."""
 
 import io
 import json

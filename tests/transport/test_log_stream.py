@@ -1,4 +1,4 @@
-"""Where no line is taken: a pipe without a reader, and what is written once somebody does."""
+"""A stream that accepts no line: a pipe without a reader, and writes after it is read again."""
 
 import io
 import os
@@ -10,8 +10,8 @@ from typing import Any
 
 import pytest
 
-from mesh_motion_server.transport import telemetry
-from mesh_motion_server.transport.telemetry import Unfailing
+from mesh_motion_server.transport import log_stream
+from mesh_motion_server.transport.log_stream import Unfailing
 
 Pipe = tuple[int, Any]
 
@@ -64,7 +64,7 @@ def test_a_reader_that_is_slow_gets_every_line(pipe: Pipe) -> None:
 
 
 def test_he_is_waited_for_once(pipe: Pipe, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(telemetry, "_PATIENCE_MILLISECONDS", 300)
+    monkeypatch.setattr(log_stream, "_PATIENCE_MILLISECONDS", 300)
     log = Unfailing(pipe[1])
     began = time.monotonic()
     for _ in range(200):

@@ -1,4 +1,6 @@
-"""The pages for Prometheus and probes: what they say when something stands still, and who cannot hurt them."""
+"""The pages for Prometheus and probes: their answers when a process does not respond, and clients that cannot harm
+them.
+"""
 
 import contextlib
 import json
@@ -69,7 +71,7 @@ def test_a_loop_that_stands_still_is_unhealthy(start, connect):
 
 @pytest.mark.nightly
 def test_a_gateway_that_is_stopped_holds_no_request_up(start, connect):
-    """The supervisor has more replies for it than the line takes."""
+    """The supervisor has more replies for it than fit into the line."""
     server = start_watched(start, stuck_seconds=3.0)
     entry = {"label": "\N{GREEK SMALL LETTER PI}" * 200, "owner": "", "state": "READY", "step": 0, "partitions": 1}
     for number in range(150):

@@ -1,4 +1,4 @@
-"""Which session gives its place up when all are taken."""
+"""Choice of the session that loses its place when all are taken."""
 
 import socket
 import time

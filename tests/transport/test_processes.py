@@ -1,4 +1,4 @@
-"""What a child of the supervisor starts with."""
+"""Initial state of a child of the supervisor."""
 
 import os
 import signal
@@ -43,7 +43,7 @@ def module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def threads_of(*names: str, **options: Any) -> dict[str, Any]:
-    """What a child says, which then ends with 7."""
+    """Output of a child, which then ends with status 7."""
     child = spawn("says", *names, **options)
     said = child.channel.receive(30.0)
     assert child.reap() == 7

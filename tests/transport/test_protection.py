@@ -1,4 +1,4 @@
-"""A server with keys: who gets in, what strangers learn, and that it closes where something is wrong."""
+"""A server with keys: admitted clients, facts that strangers learn, and endpoints that close on any fault."""
 
 import os
 import signal
@@ -36,9 +36,9 @@ def with_keys(start, folder, make_keys, **settings):
 
 
 def outcome(wire, seconds=10.0):
-    """How the handshake of a wire that is not connected yet ends; watched from its start, as some are not repeated.
+    """Result of the handshake of a wire that is not connected yet; watched from its start, as some are not repeated.
 
-    Nothing is sent: a socket whose handshake was refused by then has no peer to send to, and the send waits.
+    Nothing is sent: a socket whose handshake was already refused has no peer, and a send would wait.
     """
     events = wire.socket.get_monitor_socket(zmq.EVENT_ALL)
     wire.connect()
@@ -104,7 +104,9 @@ def test_anothers_routing_id_gives_no_rights(keyed, connect):
     owner.socket.close()
 
     def late():
-        """One that is there before the server has seen the owner go gets no answer ever: each is another connection."""
+        """A connection that is made before the server sees the owner's end never gets an answer: each try is a new
+        connection.
+        """
         wire = connect(opened.endpoint, keyed.bob, routing_id=b"solver")
         wire.send(Status, **at)
         code = wire.receive().code if wire.socket.poll(2000) else None

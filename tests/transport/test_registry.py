@@ -1,4 +1,4 @@
-"""Which control requests are remembered, and whose."""
+"""Remembered control requests, and their clients."""
 
 import pytest
 from mesh_motion_protocol.errors import SessionError

@@ -59,7 +59,7 @@ def test_a_folder_in_whose_place_all_users_may_put_another_is_refused(
 def test_what_is_no_folder_is_refused(tmp_path: Path, what: str) -> None:
     path = tmp_path / "state"
     path.touch() if what == "file" else path.symlink_to("nowhere" if what == "dangling" else path)
-    with pytest.raises(ResourceExhausted, match="cannot be used: it is a file, or a link that leads nowhere"):
+    with pytest.raises(ResourceExhausted, match="cannot be used: it is a file, or a link without a target"):
         StateFolder(path)
 
 

@@ -206,14 +206,14 @@ def test_an_endless_message_meets_the_memory_limit_and_ends_its_connection_only(
     assert endless_message(opened.endpoint, 8 << 20, 1 << 30) < 300 << 20
     assert worker_pid(data, at) == pid
     gateway = server.children()[0]
-    # glibc keeps these, and their addresses, where the thread has a heap of its own
+    # glibc keeps these blocks and their addresses if the thread has a separate heap
     assert endless_message(server.endpoint, 60_000, 1 << 30) < 600 << 20
     control = connect(server.endpoint)
     control.send_frames(msgpack.packb({"lists": [[[]] * 240] * 250}))  # of 5 MB: Python must map memory for it
     assert control.receive().code == "UNIMPLEMENTED.VERSION"  # it was read
     assert control.ask(Probe, session=opened.session, token=opened.token).worker == "alive"
     assert server.children()[0] == gateway
-    # the message took the worker to some 380 MiB; idle it has 150 to 200, by what it has warmed up
+    # with the message the worker had some 380 MiB; idle it has 150 to 200, depending on its loaded modules
     for process, most in ((pid, 256 << 20), (gateway, 80 << 20)):
         wait_until(
             lambda process=process, most=most: psutil.Process(process).memory_info().rss < most, "memory is back"
@@ -221,7 +221,7 @@ def test_an_endless_message_meets_the_memory_limit_and_ends_its_connection_only(
 
 
 def test_a_server_whose_workers_cannot_start_ends_with_70(start):
-    """Rather than let every client wait for a session that no worker can serve."""
+    """The server ends instead of letting every client wait for a session that no worker can serve."""
     server = start("no-numerics", ready=False)
     assert server.process.wait(PATIENCE) == 70
     assert len(server.events("template_ended")) == 3
@@ -230,7 +230,7 @@ def test_a_server_whose_workers_cannot_start_ends_with_70(start):
 
 
 def test_a_range_of_data_ports_behind_another_host(start, connect):
-    """As behind a container's port mapping: the client takes the host by which it reached the control endpoint."""
+    """Like behind a container's port mapping: the client uses the host by which it reached the control endpoint."""
     own = f"127.1.{os.getpid() // 250 % 250}.{os.getpid() % 250 + 1}"  # no other process has ports there
     server = start(endpoint=f"tcp://{own}:0", data_ports="21000-21000", advertised_host="0.0.0.0")
     control = connect(server.endpoint)

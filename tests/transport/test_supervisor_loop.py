@@ -1,4 +1,4 @@
-"""The supervisor's loop with children that are scripted: what it survives."""
+"""The supervisor's loop with scripted children: faults that it survives."""
 
 import os
 import signal
@@ -27,7 +27,9 @@ def killed(child: Child) -> int:
 
 
 class Scripted:
-    """A supervisor whose children are lines without a process; ``refused``: so many are refused by the system."""
+    """A supervisor whose children are lines without a process; ``refused``: number of starts that the system
+    refuses.
+    """
 
     def __init__(self, folder: Path) -> None:
         settings = ServerSettings.from_mapping({"state_folder": str(folder), "metrics": "127.0.0.1:0"})
@@ -62,7 +64,7 @@ def scripted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Script
 
 
 def test_a_template_ends_after_the_sessions(scripted: Scripted) -> None:
-    """Those that wait for it to be forked can still be drained."""
+    """Sessions that wait for its fork can still be drained."""
     supervisor = scripted.supervisor
     supervisor._template = supervisor._next_template()
     lifeline, holder = os.pipe()

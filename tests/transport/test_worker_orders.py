@@ -1,4 +1,4 @@
-"""What a worker says to the supervisor's orders."""
+"""Replies of a worker to the supervisor's orders."""
 
 from functools import partial
 from types import SimpleNamespace
@@ -13,7 +13,7 @@ from tests.faults.limited_context import limited_context
 
 
 class Line:
-    """The channel, with one order on it; what is said and done goes into one list."""
+    """The channel with one order; replies and actions go into one list."""
 
     def __init__(self, order: dict[str, Any]) -> None:
         self.order, self.events = order, list[str]()

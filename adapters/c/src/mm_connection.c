@@ -95,7 +95,7 @@ outcome mmi_connect_to(mm_context *context, connection *connection, const char *
     if (!set_keys(context, socket)) {
         mmi_disconnect(connection);
         return mmi_fail(context, "INVALID_ARGUMENT", "a libzmq with libsodium has CURVE",
-                        "libzmq does not take the keys");
+                        "libzmq does not accept the keys");
     }
     if (zmq_connect(socket, endpoint) != 0) {
         mmi_disconnect(connection);
@@ -139,8 +139,8 @@ outcome mmi_check_connected(mm_context *context, connection *connection)
         if (event == ZMQ_EVENT_HANDSHAKE_FAILED_PROTOCOL && value == ZMQ_PROTOCOL_ERROR_ZMTP_MECHANISM_MISMATCH) {
             mmi_disconnect(connection);
             return mmi_fail(context, "UNAUTHENTICATED",
-                            "give keys for a server that was started with --keys, and none for any other",
-                            "the server at %s and this client do not agree whether there are keys",
+                            "give keys only for a server that was started with --keys",
+                            "the server at %s and this client do not agree about the use of keys",
                             connection->endpoint);
         }
         ended = 1;
@@ -256,7 +256,7 @@ mm_result mm_set_keys(mm_context *context, const char *secret_file, const char *
         return context->error;
     }
     if (zmq_curve_public(public, secret) != 0) {
-        mmi_fail(context, "INVALID_ARGUMENT", "a libzmq with libsodium has CURVE", "%s: libzmq does not take the key",
+        mmi_fail(context, "INVALID_ARGUMENT", "a libzmq with libsodium has CURVE", "%s: libzmq does not accept the key",
                  secret_file);
         return context->error;
     }

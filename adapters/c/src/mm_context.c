@@ -60,7 +60,7 @@ outcome mmi_fail(mm_context *context, const char *code, const char *hint, const 
 outcome mmi_no_memory(mm_context *context)
 {
     return mmi_fail(context, "RESOURCE_EXHAUSTED.MEMORY", "free some, or divide the mesh into more partitions",
-                    "there is no memory on this side");
+                    "the client has no memory left");
 }
 
 mm_result mm_error(const mm_context *context) { return context ? context->error : MM_INVALID_ARGUMENT; }
@@ -119,7 +119,7 @@ int mmi_is_forked(const mm_context *context) { return context->process != getpid
 mm_result mmi_fail_forked(mm_context *context)
 {
     mmi_fail(context, "FAILED_PRECONDITION",
-             "make a context of its own in the child, connect, and resume the session by its id and token",
+             "make a new context in the child, connect, and resume the session by its id and token",
              "a forked child cannot use the connections of its parent (process %ld)", (long)context->process);
     return context->error;
 }
@@ -236,7 +236,7 @@ mm_result mm_connect(mm_context *context, const char *endpoint)
     if (how != DONE && (context->error == MM_DEADLINE_EXCEEDED || context->error == MM_UNAVAILABLE)) {
         mmi_fail(context, "UNAVAILABLE",
                  context->secret_key[0]
-                     ? "is it running (`mesh-motion serve`), and does it have the key that it is taken for?"
+                     ? "is it running (`mesh-motion serve`), and is the given server key its key?"
                      : "is it running (`mesh-motion serve`), and without --keys?",
                  "no server answers at %s within %g s", endpoint, context->timeout);
     }

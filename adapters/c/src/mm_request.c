@@ -298,7 +298,7 @@ static size_t most_frames(const mm_session *session)
 static outcome damaged(mm_context *context, connection *connection, const char *wrong)
 {
     mmi_disconnect(connection);
-    return mmi_fail(context, "INTERNAL", "the same call may be made again: it is done once",
+    return mmi_fail(context, "INTERNAL", "repeat the call: the server executes it only once",
                     "the server's reply is no message: %s", wrong);
 }
 
@@ -368,7 +368,7 @@ static outcome wait_for_message(mm_context *context, connection *connection, con
         outcome how = mmi_check_connected(context, connection);
         if (how == DONE && mmi_seconds_left(deadline) == 0.0) {
             mmi_disconnect(connection); /* the connection may be dead without an event */
-            how = mmi_fail(context, "DEADLINE_EXCEEDED", "the same call may be made again: it is done once",
+            how = mmi_fail(context, "DEADLINE_EXCEEDED", "repeat the call: the server executes it only once",
                            "no answer to %s from %s within the time allowed", request->type, connection->endpoint);
         }
         if (how == DONE && watched) {
@@ -575,7 +575,7 @@ static outcome check_unfenced(mm_session *session, const answer *probed)
     if (mmi_integer_field(probed, "epoch") <= session->epoch) {
         return DONE;
     }
-    return mmi_fail(session->context, "ABORTED.FENCED", "give this session up, or resume it again from here",
+    return mmi_fail(session->context, "ABORTED.FENCED", "discard this session, or resume it again from here",
                     "the session was resumed by another holder (epoch %" PRId64 ")",
                     mmi_integer_field(probed, "epoch"));
 }
@@ -642,8 +642,8 @@ static outcome find_worker(mm_session *session, double deadline, answer *got)
     }
     return mmi_fail(
         session->context, "UNAVAILABLE.WORKER",
-        "resume the session from one partition and join it from the others; one that was never built is to be "
-        "opened again",
+        "resume the session from one partition and join it from the others; "
+        "a session that was never built must be opened again",
         "the session's worker is %s", worker);
 }
 
@@ -659,7 +659,7 @@ outcome mmi_take_step(mm_session *session, int64_t step)
     session->iteration = session->has_trial = 0;
     session->request.number = 0;
     mmi_fail(context, "ABORTED.STEPS_LOST",
-             "go on from mm_step: the same moves and commits give the same coordinates again",
+             "continue from mm_step: the same moves and commits give the same coordinates again",
              "step %" PRId64 " was committed, but after a restart the session stands at step %" PRId64, known, step);
     mmi_put_map(&details, 1);
     mmi_put_text(&details, "details");

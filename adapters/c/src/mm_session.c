@@ -384,7 +384,7 @@ static outcome check_has_credentials(mm_session *session)
     }
     return session->id[0] ? DONE
                           : mmi_fail(session->context, "FAILED_PRECONDITION",
-                                     "mm_set_credentials or mm_load_credentials", "there is no session to take up");
+                                     "mm_set_credentials or mm_load_credentials", "there is no session to resume");
 }
 
 mm_result mm_join(mm_session *session)

@@ -32,7 +32,7 @@ static outcome check_move(mm_session *session, size_t moving, const double *disp
     }
     if ((moving && !displacement) || (nodes && !to)) {
         return mmi_fail(context, "INVALID_ARGUMENT", "give arrays of mm_moving_nodes and mm_node_count rows",
-                        "the displacement and the answer must be there");
+                        "the displacement and the answer must not be NULL");
     }
     block rows = mmi_make_block("displacement", displacement, moving, (size_t)session->dimension, 8);
     rows.is_float = 1;
@@ -151,7 +151,7 @@ static outcome check_vectors(mm_session *session, size_t vectors, size_t moving,
     }
     if (!vectors || vectors > MMI_MOST_COLUMNS / (size_t)session->dimension || !given || !to) {
         return mmi_fail(context, "INVALID_ARGUMENT", "give both arrays, and more vectors in further calls",
-                        "vectors and answer must be there, and 1 to %zu of them, got %zu",
+                        "vectors and answer must not be NULL, and there must be 1 to %zu of them, got %zu",
                         MMI_MOST_COLUMNS / (size_t)session->dimension, vectors);
     }
     return DONE;

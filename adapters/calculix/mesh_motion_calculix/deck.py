@@ -17,6 +17,7 @@ from mesh_motion_calculix.errors import DeckError
 
 __all__ = ["Deck", "read_deck"]
 
+#: A deck with deeper *INCLUDE cards probably includes itself.
 _DEEPEST_INCLUDE = 8
 _FORBIDDEN = {
     "*STEP": "give the model alone: the adapter writes the steps",

@@ -31,6 +31,7 @@ from mesh_motion_calculix.window import JOB, Motion, Options, read_motion, run, 
 
 __all__ = ["Solid"]
 
+#: A strip of linear bricks has two nodes at each (x, y), one in each of its planes.
 _PLANES = 2
 
 

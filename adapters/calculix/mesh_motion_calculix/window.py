@@ -30,6 +30,7 @@ _DIVERGED = re.compile(
 #: For ccx this is only a warning: it leaves the card out and computes another model.
 _UNKNOWN_CARD = re.compile(r"Card image cannot be inter\s*preted:\s*\*WARNING[^\n]*\n\s*(\S[^\n]*)")
 _LOST_EXPONENT = re.compile(r"(\d)([+-]\d{3})")
+#: Widths of the columns that ccx prints for *NODE PRINT.
 _DIGITS_OF_NODE = 10
 _DIGITS_OF_VALUE = 14
 

@@ -116,7 +116,7 @@ class Participant:
             It has been closed.
         """
         if self._session is None:
-            raise PartError("the mesh's session is closed", "a solver that was finalized moves nothing any more")
+            raise PartError("the mesh's session is closed", "a finalized solver cannot move the mesh")
         return self._session
 
     def check_roles(self) -> None:

@@ -306,8 +306,8 @@ bool Foam::remoteMeshMotion::resume()
             << "the session of " << path << " cannot be resumed: "
             << (
                    same
-                 ? "it has gone on since, or it or its credentials are deleted"
-                 : "its settings, patches or processors were others"
+                 ? "it has continued since, or it or its credentials were deleted"
+                 : "it had other settings, patches or processors"
                )
             << nl << "    A new one begins with the mesh of this time, "
             << "against which sizes of cells are judged from now on" << endl;

@@ -38,14 +38,14 @@ def read_tables(path: Path) -> tuple[dict[str, Any], Path]:
         case = path.parent / _known(values["mesh-motion"], ("case",), "mesh-motion")["case"]
         tables = _toml(case, _text(case))
         if double := [name for name in ("precice", "read", "write") if name in tables]:
-            raise InvalidInput(f"[{double[0]}] stands in {case}, and in this file as well")
+            raise InvalidInput(f"[{double[0]}] is in {case} and also in this file")
         return tables | _coupled(values, path.parent), case.parent
     except json.JSONDecodeError as error:
         raise InvalidInput(f"not a JSON file: {error}") from None
     except KeyError as error:
         raise InvalidInput(f"{error.args[0]} is missing") from None
     except TypeError as error:
-        raise InvalidInput(f"a value has not the type that the schema wants: {error}") from None
+        raise InvalidInput(f"a value has another type than the schema requires: {error}") from None
 
 
 def _coupled(values: dict[str, Any], folder: Path) -> dict[str, Any]:

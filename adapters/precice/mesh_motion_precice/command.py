@@ -23,6 +23,7 @@ __all__ = ["main", "run"]
 
 _LOG = logging.getLogger(__name__)
 #: As a shell says it of a program that Ctrl-C ended.
+#: 128 + SIGINT, as shells report it.
 _INTERRUPTED = 130
 
 
@@ -136,11 +137,9 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--mesh", type=Path, help="mesh file, instead of [mesh] file")
     parser.add_argument("--config", type=Path, help="preCICE's configuration, instead of [precice] config")
-    parser.add_argument("--restart", action="store_true", help="go on with the session of --session")
+    parser.add_argument("--restart", action="store_true", help="continue the session of --session")
     session = Path("mesh-motion.session")
     parser.add_argument("--session", type=Path, default=session, help="the session's name and secret (%(default)s)")
     levels = ("debug", "info", "warning")
-    parser.add_argument(
-        "--log-level", choices=levels, default="info", help="how much is written to stdout (%(default)s)"
-    )
+    parser.add_argument("--log-level", choices=levels, default="info", help="level of the log on stdout (%(default)s)")
     return parser

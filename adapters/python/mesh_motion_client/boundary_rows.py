@@ -51,7 +51,7 @@ def boundary_rows(
     wanted = (len(moving_nodes), dimension)
     if rows.shape != wanted:
         raise InvalidInput(
-            f"{what} must have shape {wanted}, one row a moving node, got {rows.shape}",
+            f"{what} must have shape {wanted}, one row for each moving node, got {rows.shape}",
             code="INVALID_ARGUMENT.SHAPE",
             hint="session.moving_nodes has the order of the rows",
         )

@@ -130,7 +130,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="mesh_motion_client.conformance")
     parser.add_argument("--endpoint", required=True)
     parser.add_argument("--timeout", type=float, default=10.0)
-    parser.add_argument("--scenario", required=True, help="verbs, with blanks between them")
+    parser.add_argument("--scenario", required=True, help="verbs, separated by blanks")
     given = parser.parse_args(arguments)
     driver = Driver(given.endpoint, given.timeout)
     for verb in given.scenario.split():

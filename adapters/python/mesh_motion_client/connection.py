@@ -61,12 +61,13 @@ class Connection:
         self.endpoint = endpoint
         self._process = os.getpid()
         self._socket: zmq.Socket[bytes] = zmq.Context.instance().socket(zmq.DEALER)
-        self._socket.setsockopt(zmq.LINGER, 0)
+        self._socket.setsockopt(zmq.LINGER, 0)  # an unsent request of a closed connection is worthless
         for option in (zmq.SNDTIMEO, zmq.RCVTIMEO):
             self._socket.setsockopt(option, _MOST_MILLISECONDS)
         self._socket.setsockopt(zmq.MAXMSGSIZE, _MOST_BYTES)
         self._socket.setsockopt(zmq.RECONNECT_IVL, 50)
         self._socket.setsockopt(zmq.RECONNECT_IVL_MAX, 1000)
+        # a server whose machine has disappeared sends nothing, not even the end of the connection
         self._socket.setsockopt(zmq.HEARTBEAT_IVL, 5_000)
         self._socket.setsockopt(zmq.HEARTBEAT_TIMEOUT, 20_000)
         self._socket.setsockopt(zmq.IPV6, int("[" in str(endpoint)))
@@ -175,9 +176,9 @@ class Connection:
         if event == zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL and value == zmq.PROTOCOL_ERROR_ZMTP_MECHANISM_MISMATCH:
             self.close()
             raise SessionError(
-                f"the server at {self.endpoint} and this client do not agree whether there are keys",
+                f"the server at {self.endpoint} and this client do not agree about the use of keys",
                 code="UNAUTHENTICATED",
-                hint="give keys for a server that was started with --keys, and none for any other",
+                hint="give keys only for a server that was started with --keys",
             )
 
     @property
@@ -205,7 +206,7 @@ def check_process(process: int) -> None:
         raise SessionError(
             f"a forked child cannot use the connections of its parent (process {process})",
             code="FAILED_PRECONDITION",
-            hint="connect in the child, and take the session up there with server.resume(session.credentials)",
+            hint="connect in the child, and resume the session there with server.resume(session.credentials)",
         )
 
 

@@ -126,7 +126,7 @@ class Courier:
         self.step, self.iteration, self.trial, self._unanswered = step, 0, (), None
         raise StepsLost(
             f"step {known} was committed, but after a restart the session stands at step {step}",
-            hint="go on from session.step: the same moves and commits give the same coordinates again",
+            hint="continue from session.step: the same moves and commits give the same coordinates again",
             details={"expected": step + 1, "got": known + 1},
         )
 
@@ -237,8 +237,8 @@ class Courier:
             raise Unavailable(
                 f"the session's worker is {probed.worker}",
                 code="UNAVAILABLE.WORKER",
-                hint="resume the session from one partition and join it from the others; one that was never built is "
-                "to be opened again",
+                hint="resume the session from one partition and join it from the others; a session "
+                "that was never built must be opened again",
             )
 
     def _resume(self, seconds: float) -> Resumed:
@@ -257,7 +257,7 @@ class Courier:
             raise SessionError(
                 f"the session was resumed by another holder (epoch {probed.epoch})",
                 code="ABORTED.FENCED",
-                hint="give this session up, or resume it again from here",
+                hint="discard this session, or resume it again from here",
             )
 
 

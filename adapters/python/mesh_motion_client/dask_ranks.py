@@ -109,7 +109,7 @@ class DaskSession:
         """Make the trial the committed state; return its step."""
         motions, step = self._motions, self.step + 1
         if motions is None:
-            raise SessionError("there is no trial to commit", hint="session.move(motion) makes one")
+            raise SessionError("there is no trial to commit", hint="make one with session.move(motion)")
 
         def attempt() -> int:
             if self.step < step:  # otherwise the commit succeeded before a worker died
@@ -190,7 +190,7 @@ class DaskSession:
             self._motions = None
             raise StepsLost(
                 f"step {known} was committed, but after a restart the session stands at step {self.step}",
-                hint="go on from session.step: the same moves and commits give the same coordinates again",
+                hint="continue from session.step: the same moves and commits give the same coordinates again",
                 details={"expected": self.step + 1, "got": known + 1},
             )
 
@@ -255,7 +255,7 @@ class DaskSession:
                     return sorted(listed)
                 raise Unavailable(
                     f"the Dask cluster has had no worker for {self._patience:g} s",
-                    hint="start workers (dask worker tcp://HOST:8786) and repeat the call: what is committed stays",
+                    hint="start workers (dask worker tcp://HOST:8786) and repeat the call: committed steps are kept",
                 )
             time.sleep(min(0.1, self._patience))
 

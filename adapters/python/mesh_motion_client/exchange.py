@@ -206,7 +206,7 @@ def _content(points: Any, cells: Mapping[str, Ints], patches: dict[str, Ints]) -
     if len(points) and not is_flat(points, highest):
         raise InvalidInput(
             f"the cells are {highest}D, but the coordinate {'xyz'[highest]} varies",
-            hint="a plane mesh lies in the x-y plane; a mesh in space needs its volume cells",
+            hint="a 2D mesh must lie in the x-y plane; a 3D mesh needs its volume cells",
         )
     own = {name: nodes for name, nodes in cells.items() if _TYPES[name][0] == highest}
     return Content(points[:, :highest], own, patches)

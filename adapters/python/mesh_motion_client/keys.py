@@ -82,7 +82,7 @@ class Keys:
         """
         if not zmq.has("curve"):
             raise InvalidInput(
-                f"keys need CURVE, which libzmq {zmq.zmq_version()} was built without",
+                f"keys need CURVE, but libzmq {zmq.zmq_version()} was built without it",
                 hint="install pyzmq from its wheel, or a libzmq with libsodium",
             )
         socket.setsockopt(zmq.CURVE_SERVERKEY, self.server.encode())

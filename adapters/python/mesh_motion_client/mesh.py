@@ -96,7 +96,9 @@ class Mesh(Described):
         if self.global_ids is not None:
             ids = _indices(self.global_ids, "global_ids").reshape(-1)
             if len(ids) != len(points):
-                raise InvalidInput(f"global_ids must have one number a point, got {len(ids)} for {len(points)} points")
+                raise InvalidInput(
+                    f"global_ids must have one number for each point, got {len(ids)} for {len(points)} points"
+                )
             object.__setattr__(self, "global_ids", ids)
 
     @classmethod
@@ -284,7 +286,7 @@ class Mesh(Described):
         if name in _PLANE and self.points.shape[1] == 3:
             raise InvalidInput(
                 f"cells of type {name} must have points (n, 2), got points {self.points.shape}",
-                hint="a plane mesh takes points[:, :2]; a mesh in space its volume cells without those of its surface",
+                hint="a 2D mesh needs points[:, :2]; a 3D mesh needs its volume cells without the cells of its surface",
             )
         array = whole_numbers(nodes, f"cells of type {name}")
         if array.ndim != 2 or array.shape[1] != CELL_NODES[name]:
@@ -312,7 +314,7 @@ def _check_unpacked(path: str | os.PathLike[str], held: int) -> None:
     if held > most:
         raise InvalidInput(
             f"{os.fspath(path)}: {packed} bytes that hold {held}, expected at most {most}",
-            hint="if it is a mesh all the same, store it without compression",
+            hint="if it is a mesh, store it without compression",
         )
 
 

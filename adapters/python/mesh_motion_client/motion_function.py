@@ -77,5 +77,5 @@ class MotionFunction:
                 return moved
         self._latest = None
         moved = self.session.move(displacement)
-        self._latest = np.array(displacement), moved
+        self._latest = np.array(displacement), moved  # a copy: optimisers change their array in place
         return moved

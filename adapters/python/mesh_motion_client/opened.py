@@ -152,6 +152,6 @@ class OpenedSession(Described):
         """Common fields of the session's requests; an error if the session is closed."""
         if self._closed:
             raise SessionError(
-                "the session is closed", hint="server.resume(session.credentials) takes a kept one up again"
+                "the session is closed", hint="server.resume(session.credentials) resumes a kept session"
             )
         return self._courier.address

@@ -72,7 +72,7 @@ class Server(Described):
             self._control.close()
             raise Unavailable(
                 f"no server answers at {endpoint} within {timeout} s",
-                hint="is it running (`mesh-motion serve`), and does it have the key that it is taken for?"
+                hint="is it running (`mesh-motion serve`), and is the given server key its key?"
                 if keys
                 else "is it running (`mesh-motion serve`), and without --keys?",
             ) from error

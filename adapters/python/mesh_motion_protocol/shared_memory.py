@@ -36,6 +36,7 @@ FEATURE = "shared-memory"
 SUPPORTED = sys.platform == "linux"
 #: Smaller arrays, in bytes, are sent faster as frames.
 _LEAST_BYTES = 1 << 20
+#: Random bytes at the start of a memory: a sender writes only into a file that begins with the key of its request.
 _KEY_BYTES = 16
 #: Arrays begin at multiples of this number of bytes; the first one follows the key.
 _ALIGNMENT = 64

@@ -8,7 +8,7 @@ from mesh_motion_protocol.errors import ERROR_CODES, error_from
 from mesh_motion_protocol.message import ErrorReply
 
 from docs.site.reference.tables import code, table
-from mesh_motion_server.commands import cli
+from mesh_motion_server.commands import outcome
 
 __all__ = ["error_codes", "exit_statuses"]
 
@@ -28,5 +28,5 @@ def error_codes() -> str:
 
 def exit_statuses() -> str:
     """The statuses of the command line, from its own description."""
-    found = re.findall(r"^(\d+) +(\S.*)$", cli.__doc__ or "", re.MULTILINE)
+    found = re.findall(r"^(\d+) +(\S.*)$", outcome.__doc__ or "", re.MULTILINE)
     return table(("status", "means"), [(status, text.strip()) for status, text in found])

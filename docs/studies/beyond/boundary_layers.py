@@ -80,7 +80,7 @@ _COLUMNS = (
 _TABLE = (
     "Largest change of a layer node's distance from the wall, and of the angle between a column's edges and the wall's "
     "normal; smallest size-skew outside the layer and of all cells, all over several positions; CPU time of these "
-    "motions relative to that without."
+    "motions divided by that without a carried layer."
 )
 _CAPTION = "The tip of the flag at + 80 mm, without and with the layer carried."
 
@@ -157,7 +157,7 @@ def _without(table: Table, body: Cell, correction: Cell) -> list[Cell]:
 
 STUDY = Study(
     "Does a boundary layer keep its thickness and stand upright on its wall, and what does that cost?",
-    "Beyond the thesis, in which near-wall cells are interpolated as any others",
+    "Beyond the thesis, in which near-wall cells are interpolated like all others",
     run,
     claims,
     (

@@ -35,7 +35,7 @@ def run(quick: bool) -> Outcome:
     return Outcome(tables, (Picture(lambda figure: draw_shares(figure, found), _PICTURE, (10, 3)),))
 
 
-_PICTURE = "Every motion, in the order of the best known."
+_PICTURE = "Every motion, sorted by the best known minimum."
 
 
 def _named() -> Table:

@@ -11,14 +11,14 @@ SEED, STARTS = 2027, 2
 
 _CAPTION = (
     "Means over fresh random shifts and turns about random axes (seed 2027) that the standard motion leaves below "
-    "size-skew 0.2; `correction_box` is of tetrahedra."
+    "size-skew 0.2; `correction_box` has tetrahedra."
 )
 
 
 def run(quick: bool) -> Outcome:
     found = ceilings(MESHES, quick, starts=STARTS, seed=SEED)
     picture = Picture(
-        lambda figure: draw_shares(figure, found), "Every motion, in the order of the best known.", (10, 3)
+        lambda figure: draw_shares(figure, found), "Every motion, sorted by the best known minimum.", (10, 3)
     )
     return Outcome((shares_table(found, _CAPTION),), (picture,))
 

@@ -241,7 +241,7 @@ def _by_motion(support: Sequence[Sweep]) -> Table:
             row += [sweep.best, " / ".join(f"{sweep.share(value):.2f}" for value in sweep.chosen)]
         rows.append(row)
     heads = [head for c in corrections for head in (f"{c}: best", f"{c}: shares")]
-    caption = "The best over R, and the shares of it that R from the mesh / from the motion reaches."
+    caption = "Best quality over all R, and its share that the R from the mesh / from the motion reaches."
     return Table(("mesh", "motion", *heads), rows, caption, digits=3)
 
 
@@ -290,7 +290,7 @@ def claims(outcome: Outcome) -> None:
 
 STUDY = Study(
     title="Are the default radii within five per cent of the best?",
-    source="Support radius and enrichment radius where none is given",
+    source="Support radius and enrichment radius if none is given",
     run=run,
     claims=claims,
     functions=(

@@ -184,7 +184,8 @@ def _minima(found: Found) -> Table:
         [one.mesh, f"{one.motion} {size:g}", *(reached[name].minimum for name in WAYS)] for one, size, reached in found
     ]
     caption = (
-        "Minimum size-skew, each way at its best: 20 enrichment points, target maximum. 0 or less: inverted cells."
+        "Minimum size-skew of each method with its best settings: 20 enrichment points, target maximum. 0 or less: "
+        "inverted cells."
     )
     return Table(("mesh", "motion", *WAYS), rows, caption, digits=3)
 
@@ -222,11 +223,11 @@ def _threshold_costs(found: Found) -> Table:
         costs = [_milliseconds(members, name) for name in TO_THRESHOLD]
         rows.append([mesh, *(cell for pair in zip(reached, costs, strict=True) for cell in pair)])
     columns = [heading for name in TO_THRESHOLD for heading in (name, "CPU ms")]
-    caption = f"To the threshold {THRESHOLD:g} and no further: motions that get there of those that start below it."
+    caption = f"To the threshold {THRESHOLD:g} only: motions that reach it, of those that start below it."
     return Table(("mesh", *columns), rows, caption, digits=3)
 
 
-_CURVES = "Minimum size-skew as motions grow."
+_CURVES = "Minimum size-skew of growing motions."
 
 
 def _draw(figure: Any, found: Found) -> None:
@@ -274,7 +275,8 @@ def _scatter(found: Found) -> Picture:
         figure.axes[0].set_ylabel("share of what freed nodes reach")
         _legend(figure)
 
-    return Picture(draw, "What each way reaches for its CPU time: means over the motions of a mesh.", (9.5, 3.2))
+    caption = "Quality that each method reaches over its CPU time: means over the motions of a mesh."
+    return Picture(draw, caption, (9.5, 3.2))
 
 
 def claims(outcome: Outcome) -> None:

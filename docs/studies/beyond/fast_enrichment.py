@@ -148,7 +148,7 @@ def run(quick: bool) -> Outcome:
             [name, len(races), sum(r.reached(name) for r in races), min(values), median(values), max(values)]
             for name, values in ratios.items()
         ],
-        "CPU seconds of L-BFGS over ours, motion by motion; where it did not get there, of what it was given.",
+        "CPU time of L-BFGS divided by ours, for each motion; if L-BFGS did not reach our quality, its whole CPU time.",
         digits=3,
     )
     return Outcome((table, summary), (Picture(lambda f: _draw(f, curves), _PICTURE, (9.0, 3.4)),))
@@ -168,8 +168,8 @@ _COLUMNS = (
     "times our CPU",
 )
 _CAPTION = (
-    "Means over the motions of a row. The times are those to 0.99 of our minimum quality; “>” says that L-BFGS ended "
-    "below it, in one motion at least, with all the iterations that it was given."
+    "Means over the motions of a row. The times end at 0.99 of our minimum quality; “>”: in at least one motion "
+    "L-BFGS used all allowed iterations and ended below this quality."
 )
 _PICTURE = (
     "Minimum quality against CPU time, 20 points: the slab, (−0.2, −0.2) and +60°; a random motion of the box in 3D."

@@ -185,7 +185,10 @@ def _pair_error(duct: Duct, shape: str, points: Floats) -> float:
     return float(np.abs(step[second] - step[first] @ turn.T).max() / np.ptp(duct.points, axis=0).max())
 
 
-_CAPTION = "A block in a bent duct, with its walls fixed, sliding in the standard motion, in the correction; a sector."
+_CAPTION = (
+    "A block in a bent duct: nodes on its walls fixed, sliding in the standard motion, sliding in the correction; a "
+    "sector."
+)
 
 
 def _draw(figure: Any, drawn: dict[str, tuple[Duct, Floats]]) -> None:

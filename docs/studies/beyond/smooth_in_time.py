@@ -148,10 +148,10 @@ def run(quick: bool) -> Outcome:
 
 
 _TABLE = (
-    f"A period of {PERIOD} steps from the reference mesh (displacement “absolute” where nothing else is said; a motion "
-    "below relative size-skew 0.4 is corrected), each committed. Smallest relative size-skew over the period, without "
-    "and with the correction; largest step of any node over the largest step of a boundary node; and after the period, "
-    "at rest again, how far the smallest quality and the farthest node are from the reference mesh."
+    f"A period of {PERIOD} steps from the reference mesh (displacement “absolute” if the table says nothing else; a "
+    "motion below relative size-skew 0.4 is corrected), each committed. Smallest relative size-skew over the period, "
+    "without and with the correction; largest step of any node over the largest step of a boundary node; and after the "
+    "period, at rest again, the distances of the smallest quality and of the farthest node from the reference mesh."
 )
 #: What exceeds the 1.5 that is asked for: coarse meshes, in the middle of a large motion.
 _LARGEST = {"block ± 90°": 1.8, "quads ± 60°": 2.0, "tetrahedra ± 60°": 1.9}

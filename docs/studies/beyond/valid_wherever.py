@@ -212,21 +212,21 @@ def run(quick: bool) -> Outcome:
 
 
 _CASES = (
-    "Smallest size-skew after one Move; negative: refused, and the best that was met. The default takes several legs "
-    "only where the direct motion would be refused."
+    "Smallest size-skew after one Move; negative: the Move is refused, and this is the best mesh that was found. The "
+    "default takes several legs only if the direct motion would be refused."
 )
 _RANDOM = (
     "Fresh random motions: turns of 90° to 180° with shifts up to 0.15 along each axis, and bodies that pass each "
-    "other with 0.1 to 0.3 between them. The smallest quality of each motion by the default: least and mean of all."
+    "other with 0.1 to 0.3 between them. `least` and `mean`: smallest and mean minimum quality of the default."
 )
 _REFUSALS = (
-    "Random motions of which many are impossible: turns of up to 180° with shifts of up to 0.45 along each axis. CPU "
-    "ms of a Move, the search for an acceptable fraction included; the ratio is that of the hardest refused motion to "
-    "the hardest accepted one. The fraction of each refusal was sent back and accepted."
+    "Random motions, many of them impossible: turns of up to 180° with shifts of up to 0.45 along each axis. CPU ms "
+    "of a Move, with the search for an acceptable fraction; the ratio is that of the hardest refused motion to the "
+    "hardest accepted one. The fraction of each refusal was sent back and accepted."
 )
 _PICTURE = (
-    "Left: the reference mesh; middle: where the standard motion puts the nodes in one step, inverted cells filled; "
-    "right: the default's answer to the same Move."
+    "Left: the reference mesh; middle: the standard motion in one step, inverted cells filled; right: the default "
+    "method for the same Move."
 )
 
 

@@ -34,7 +34,7 @@ def run(quick: bool) -> Outcome:
     names, thresholds = (list(CASES)[:1], THRESHOLDS[1::2]) if quick else (list(CASES), THRESHOLDS)
     rows: list[list[Cell]] = [[name, t, *corrected(name, t)] for name in names for t in thresholds]
     columns = ("motion, one step", "threshold", "plain", "reached", "share of nodes freed", "correction, ms")
-    caption = "Left: lowest size-skew that was reached over the threshold. Right: share of the nodes that were freed."
+    caption = "Left: lowest size-skew that the correction reached, over the threshold. Right: share of freed nodes."
     return Outcome([Table(columns, rows, digits=3)], [Picture(partial(draw, rows=rows), caption, size=(8.0, 3.3))])
 
 

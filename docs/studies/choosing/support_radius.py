@@ -44,7 +44,7 @@ def run(quick: bool) -> Outcome:
         for name in names
         for correction in CORRECTIONS
     ]
-    columns = ("motion, one step", "correction", *(f"R = {share:g} L" for share in radii), "R left out")
+    columns = ("motion, one step", "correction", *(f"R = {share:g} L" for share in radii), "default R")
     caption = "Lowest size-skew over the radius; dashed: without correction. L is the domain's longest side."
     picture = Picture(partial(draw, rows=rows, radii=radii), caption, size=(8.0, 3.8))
     return Outcome([Table(columns, rows, digits=2)], [picture])

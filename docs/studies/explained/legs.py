@@ -31,7 +31,7 @@ def run(quick: bool) -> Outcome:
     for degrees in DEGREES:
         found = [lowest(degrees, correction="none"), lowest(degrees, sub_steps="never"), lowest(degrees)]
         rows.append([f"{degrees:.0f}°", *("refused" if value is None else value for value in found)])
-    columns = ("turn in one move", "plain interpolation", "corrected, one step", "default: legs where one step fails")
+    columns = ("turn in one move", "plain interpolation", "corrected, one step", "default: sub-steps if one step fails")
     caption = "A grid whose body has turned by half a turn, in one move."
     return Outcome([Table(columns, rows, digits=3)], [Picture(draw, caption, size=(4.8, 4.6))])
 

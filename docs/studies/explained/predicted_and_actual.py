@@ -71,7 +71,7 @@ def claims(outcome: Outcome) -> None:
 
 
 STUDY = Study(
-    title="Is the predicted quality the one that comes out?",
+    title="Is the actual quality equal to the predicted one?",
     source="Prediction",
     run=run,
     claims=claims,

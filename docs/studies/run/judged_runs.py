@@ -278,17 +278,18 @@ def run(quick: bool) -> Outcome:
 
 
 _TABLE = (
-    "Periods of 32 steps with nothing set, 60 of the first two runs, 2 of the others. `rest`: distance of the farthest "
-    "node from its place when the boundary is at rest; `repeat`: from where it was in the first period; `8 steps`: "
-    "from where a period in 8 steps takes it; each as a share of the boundary's amplitude. `speed`: largest step of a "
-    "node over the largest of a boundary node. `jolt`: largest second difference of a node's positions, in 32, 128 and "
-    "256 steps a period, over that of the plain motion (in 128 and 256 steps a quarter of a period for aerofoils, 3D "
-    "and ranks). `shape`: smallest d det(T)^(2/d) / |T|² of T = A Aᵣ⁻¹, from the edges at a corner at rest to those "
-    "now. `angle`: largest non-orthogonality, degrees. `noise`: how far a noise of 1e-8 of the amplitude at each "
-    "boundary node takes the farthest node, over that noise. `resumed`: how far a step of a new model ends from the "
-    "same step. `cost`: CPU time of a step over that of the plain motion. Plain is interpolation alone. Bounds: "
+    "Periods of 32 steps with default settings: 60 for the first two runs, 2 for the others. `rest`: distance of the "
+    "farthest node from its place when the boundary is at rest; `repeat`: its distance from its place in the first "
+    "period; `8 steps`: from its place after a period of 8 steps; each as a share of the boundary's amplitude. "
+    "`speed`: largest step of a node over the largest of a boundary node. `jolt`: largest second difference of a "
+    "node's positions, in 32, 128 and 256 steps a period, over that of the plain motion (in 128 and 256 steps a "
+    "quarter of a period for aerofoils, 3D and ranks). `shape`: smallest d det(T)^(2/d) / |T|² of T = A Aᵣ⁻¹, from the "
+    "edges at a corner at rest to those now. `angle`: largest non-orthogonality, degrees. `noise`: shift of the "
+    "farthest node by a noise of 1e-8 of the amplitude at each boundary node, divided by that noise. `resumed`: "
+    "distance of a step of a new model from the same step of the old one. `cost`: CPU time of a step over that of the "
+    "plain motion. Plain is interpolation alone. Bounds: "
     + ", ".join(f"{name} {'≥' if low else '≤'} {low or high:g}" for name, (low, high) in BOUNDS.items())
-    + "; the last column names what is outside."
+    + "; the last column names the values outside their bounds."
 )
 _PICTURE = "Largest second difference of a node by the time of the step, times the square of the steps of a period."
 
@@ -317,7 +318,7 @@ def claims(outcome: Outcome) -> None:
 
 
 STUDY = Study(
-    "Does a run of many steps come back, repeat and move smoothly, with nothing set?",
+    "Does a run of many steps come back, repeat and move smoothly with default settings?",
     "Open: a run, not a step",
     run,
     claims,

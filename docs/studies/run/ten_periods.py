@@ -155,7 +155,7 @@ _TABLE = (
     "farthest node from its place, as a share of the boundary's amplitude; largest step of a node over the largest of "
     "a boundary node; largest second difference of a node's positions, and CPU time of a step, both over those of the "
     "plain motion. OpenFOAM's displacementLaplacian and Kratos as [the benchmark](../benchmarks/README.md) sets them "
-    "up; a dash: it stopped."
+    "up; a dash: the run stopped."
 )
 _PICTURE = f"Smallest quality, step by step, {PERIODS} periods."
 
@@ -182,7 +182,7 @@ def claims(outcome: Outcome) -> None:
 
 
 STUDY = Study(
-    "What is left of a mesh after ten periods, with nothing set?",
+    "What is left of a mesh after ten periods with default settings?",
     "Open: a run, not a step",
     run,
     claims,

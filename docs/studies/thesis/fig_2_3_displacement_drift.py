@@ -84,8 +84,8 @@ def run(quick: bool) -> Outcome:
     table = Table(columns, rows, digits=3)
     grid = _orthogonality_table(quick)
     text = (
-        f"Triangles: minimum size-skew of the thesis' block mesh (undeformed {swings[0][1].at_rest[0]:.3f}), R = 0.5, "
-        "nothing corrected."
+        f"Triangles: minimum size-skew of the thesis' block mesh (undeformed {swings[0][1].at_rest[0]:.3f}), R = "
+        f"0.5, without correction."
     )
     caption = "Orthogonality of the cells at rest (1: faces normal to the line between cell centres)."
     picture = Picture(partial(draw, cycles=2 if quick else 10), caption, size=(12.0, 3.2))

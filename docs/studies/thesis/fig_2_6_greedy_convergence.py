@@ -97,10 +97,10 @@ def _words(table: Table) -> str:
     choice = rows[ONE][again] / rows[FULL][again]
     work = rows[COMBINED]["multiply-adds for weights"] / rows[FULL]["multiply-adds for weights"]
     return (
-        f"On the wing the combined algorithm ends at {ratio[COMBINED]:.2g} times the full one's error, for {work:.1%} "
-        f"of the multiply-adds; one-point corrections alone at {ratio[ONE]:.0f} times. A full solution on the points "
-        f"that those chose still leaves {choice:.0f} times the full algorithm's error: poor "
-        "coefficients mislead the choice itself, and there solving at the end does not mend it."
+        f"On the wing the combined algorithm has {ratio[COMBINED]:.2g} times the full one's error, for {work:.1%} "
+        f"of the multiply-adds; one-point corrections alone have {ratio[ONE]:.0f} times. A full solution on the "
+        f"points of the one-point corrections still leaves {choice:.0f} times the full algorithm's error: poor "
+        f"coefficients lead to a poor choice of points, and a full solution at the end cannot repair this."
     )
 
 

@@ -124,7 +124,7 @@ def claims(outcome: Outcome) -> None:
 
 
 STUDY = Study(
-    title="What does looking at one group of nodes at a time save, and what does it cost in accuracy?",
+    title="What does the search in one group of nodes at a time save, and what does it cost in accuracy?",
     source="Fig 2.8",
     run=run,
     claims=claims,

@@ -101,7 +101,7 @@ def _text(angles: dict[str, Floats]) -> str:
     eigenvalues, stretches = angles["eigen"], angles["polar"]
     return (
         "A cell squeezed to 0.3 and turned by any angle up to 180°: the polar correction raises its smallest stretch "
-        f"by 0.1 whatever the angle; that by eigenvalues by between {eigenvalues[:, 1].min():.2f} and "
+        "by 0.1 at every angle; the eigenvalue correction raises it by between {eigenvalues[:, 1].min():.2f} and "
         f"{eigenvalues[:, 1].max():.2f}, and its change of the Jacobian is up to "
         f"{eigenvalues[:, 2].max() / stretches[:, 2].max():.0f} times as large."
     )
@@ -168,7 +168,7 @@ def claims(outcome: Outcome) -> None:
         after = next(row for row in mended.rows if row[0] == name)
         assert "−" in str(rows[name][4])
         assert all("−" not in str(cell) for cell in after[1:])
-    assert "by 0.1 whatever" in outcome.text
+    assert "by 0.1 at every angle" in outcome.text
 
 
 STUDY = Study(

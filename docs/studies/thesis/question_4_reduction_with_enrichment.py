@@ -280,14 +280,14 @@ def _words(by_tolerance: Table, by_place: Table, cost: Table) -> str:
     seconds = {row[0]: float(row[1] or 0.0) + float(row[2] or 0.0) for row in cost.rows}
     return (
         f"**Predicted quality**: to a tolerance of 1e−2 or tighter its mean changes by at most {moved:.2g} in any "
-        f"family. **Gain**: of what the corrections reach from all nodes they keep, in the worst family, "
+        f"family. **Gain**: share of the quality from all nodes that the corrections keep in the worst family: "
         f"{', '.join(f'{kept[c]:.1%} ({c})' for c in CORRECTIONS)}; at a tolerance of 1e−1 still "
         f"{', '.join(f'{loose[c]:.1%}' for c in CORRECTIONS)}. **Where ψ vanishes**: against all nodes, on the reduced "
         f"set alone explicit iterations keep {share['explicit'][REDUCED]:.0%} and optimised coefficients "
-        f"{share['enrichment'][REDUCED]:.0%} in the worst family; with what is left interpolated near the surface "
-        f"{share['explicit'][NEAR]:.0%} and {share['enrichment'][NEAR]:.0%}; with H alone and the boundary nodes held "
-        f"{share['explicit'][NOWHERE]:.0%} and {share['enrichment'][NOWHERE]:.0%}. **Cost**: ψ on all nodes take "
-        f"{seconds[ALL] / seconds[NEAR]:.1f} times the time of the two-level ones and "
+        f"{share['enrichment'][REDUCED]:.0%} in the worst family; with the remaining error interpolated near the "
+        f"surface {share['explicit'][NEAR]:.0%} and {share['enrichment'][NEAR]:.0%}; with H alone and the boundary "
+        f"nodes held {share['explicit'][NOWHERE]:.0%} and {share['enrichment'][NOWHERE]:.0%}. **Cost**: ψ on all "
+        f"nodes takess {seconds[ALL] / seconds[NEAR]:.1f} times the time of the two-level ones and "
         f"{seconds[ALL] / seconds[REDUCED]:.0f} times that of the reduced set."
     )
 

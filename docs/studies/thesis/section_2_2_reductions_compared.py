@@ -121,12 +121,12 @@ def _words(cost: Table, tables: list[Table]) -> str:
     ruined = sum(row[7] < 0.1 for row in _interpolating(thin))
     worst = min(row[8] for row in _interpolating(thin))
     return (
-        f"To the tolerance {fewest[0]} takes the fewest points ({fewest[1]}) and {fastest[0]} the least time, on "
+        f"For the tolerance {fewest[0]} takes the fewest points ({fewest[1]}) and {fastest[0]} the least time, on "
         f"{max(int(row[1]) for row in cost.rows)} nodes. "  # type: ignore[arg-type]
-        f"Where cells are large against the tolerance the choice changes nothing: the minimum size-skew of the slab's "
-        f"mesh is within {apart:.1g} of that from all nodes. In layers thinner than the error, setting the boundary "
-        f"nodes alone leaves less than 0.1 after {ruined} of {len(_interpolating(thin))} reductions, while with the "
-        f"near-surface correction the minimum is {worst:.2g} or more (all nodes: {thin.rows[0][7]:.3g})."
+        f"If cells are large compared with the tolerance, the choice changes nothing: the minimum size-skew of the "
+        f"slab's mesh is within {apart:.1g} of that from all nodes. In layers thinner than the error, setting the "
+        f"boundary nodes alone leaves less than 0.1 after {ruined} of {len(_interpolating(thin))} reductions, while "
+        f"with the near-surface correction the minimum is {worst:.2g} or more (all nodes: {thin.rows[0][7]:.3g})."
     )
 
 
@@ -178,7 +178,7 @@ def claims(outcome: Outcome) -> None:
 
 
 STUDY = Study(
-    title="Which nodes should an interpolation start from, what does choosing them cost, and what is left of the mesh?",
+    title="Which nodes should an interpolation use, what does their choice cost, and which quality does the mesh keep?",
     source="§2.2.1–2.2.3, Figs 2.4, 2.5, 2.7, Table 2.3",
     run=run,
     claims=claims,

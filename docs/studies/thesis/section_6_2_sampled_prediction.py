@@ -64,11 +64,11 @@ def run(quick: bool) -> Outcome:
         samples += _random(name, exact)
     columns = ("mesh", "bound", "cells a group", "in full", "nodes needed", "bad missed", "bounds broken",
                "cost / trial nodes", "cost / centre gradient")  # fmt: skip
-    caption = "CPU time of one prediction, the groups given; all bad cells (size-skew < 0.2) are counted."
+    caption = "CPU time of one prediction with given groups; all bad cells (size-skew < 0.2) are counted."
     found = Table(columns, rows, caption, digits=3)
     columns = ("mesh", "cells sampled", "cost / all cells", "share of bad cells", "chance to see none", "minimum",
                "median minimum of the sample", "cells to see one at 99 %")  # fmt: skip
-    random = Table(columns, samples, "The thesis' form: cells chosen at random, the prediction exact.", digits=3)
+    random = Table(columns, samples, "The thesis' form: random cells and exact prediction.", digits=3)
     return Outcome(
         [found, random],
         [

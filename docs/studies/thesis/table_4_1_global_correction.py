@@ -95,7 +95,7 @@ def claims(outcome: Outcome) -> None:
 
 
 STUDY = Study(
-    "Which enrichment function makes the best of one point in the middle of the gap?",
+    "Which enrichment function gives the best mesh with one point in the middle of the gap?",
     "Table 4.1, Figs 4.4–4.9 (equations 4.1–4.8)",
     run,
     claims,

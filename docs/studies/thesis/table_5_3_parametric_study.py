@@ -169,8 +169,8 @@ def _places(case: BlockCase, every: Floats, quick: bool) -> tuple[Floats, Floats
 def _text(places: tuple[Floats, Floats], predicted: Floats) -> str:
     best = int(np.argmax(places[1]))
     return (
-        f"The standard motion's own Jacobian at the worst cell has J11 = {predicted[0, 0]:.2f}. Elsewhere than at the "
-        f"worst cell, with R_l = {PLACES_RADIUS} and a coarse grid of Jacobians, one point reaches at most "
+        f"The standard motion's own Jacobian at the worst cell has J11 = {predicted[0, 0]:.2f}. At other places than "
+        f"the worst cell, with R_l = {PLACES_RADIUS} and a coarse grid of Jacobians, one point reaches at most "
         f"{places[1][best]:.3f}, at {_pair(places[0][best])}; it makes the mesh valid from "
         f"{np.mean(places[1] > 0):.0%} of the places tried."
     )
@@ -191,7 +191,12 @@ def _compared(case: BlockCase, best: float) -> Table:
         found = imposed_jacobians(case.problem, case.mesh, settings)
         name = f"imposed gradients of cells corrected by {decomposition}, in rounds"
         rows.append([name, None, case.smallest(found.points), len(found.enrichment_points)])
-    return Table(("motion", "thesis", "minimum size", "points"), rows, "Table 5.4, and what needs no study.", digits=3)
+    return Table(
+        ("motion", "thesis", "minimum size", "points"),
+        rows,
+        "Table 5.4, and methods that need no parametric study.",
+        digits=3,
+    )
 
 
 def _described(case: BlockCase) -> Table:

@@ -125,7 +125,7 @@ def _variants(quick: bool) -> Table:
     columns = ["predictor", "relaxation"]
     for name in PRINTED:
         columns += [f"{name}: iterations", "actual"]
-    return Table(columns, rows, "By relaxation and predictor; – where 20 iterations do not suffice.", digits=3)
+    return Table(columns, rows, "Results by relaxation and predictor; –: 20 iterations are not enough.", digits=3)
 
 
 def _count(found: ExplicitResult) -> Cell:
@@ -145,7 +145,7 @@ def _decompositions() -> Table:
     columns = ["decomposition"]
     for case in PRINTED:
         columns += [f"{case}: iterations", "actual"]
-    return Table(columns, rows, "By what corrects a cell (exact prediction, relaxation 1.3).", digits=3)
+    return Table(columns, rows, "Results by decomposition (exact prediction, relaxation 1.3).", digits=3)
 
 
 def _convergence(figure: Any) -> None:
@@ -226,7 +226,7 @@ def claims(outcome: Outcome) -> None:
 
 
 STUDY = Study(
-    "How many explicit iterations does a threshold take, and does the mesh have what was predicted?",
+    "How many explicit iterations reach a threshold, and does the mesh have the predicted quality?",
     "Tables 5.4–5.7, Figs 5.9–5.18 (Algorithm 1, equations 5.14–5.17)",
     run,
     claims,

@@ -137,11 +137,11 @@ def run(quick: bool) -> Outcome:
         "CPU of evaluation",
         "of preparation",
     )
-    caption = "Shares of what no reduction takes: places of sums, pairs of place and control point, CPU time."
+    caption = "Cost divided by the cost without reduction: places of sums, pairs of place and control point, CPU time."
     tables = [Table(columns, rows, caption, digits=3), _grid_orders(quick)]
     text = (
-        "Sizes chosen by the reductions themselves; nothing corrected; preparation of the box includes the "
-        "factorization of its control points. CPU shares are of one run each and below a few ms mean little."
+        "The reductions choose the sizes; nothing is corrected; preparation of the box includes the "
+        "factorization of its control points. CPU shares come from one run each and mean little below a few ms."
     )
     picture = Picture(lambda figure: draw(figure, quick), "2D slab, +60°, by the size of box and wall distance.")
     return Outcome(tables, [picture], text)
@@ -199,7 +199,7 @@ def _grid_orders(quick: bool) -> Table:
             before[interpolation] = error
         rows.append(row)
     columns = ("spacing", "linear: largest error / displacement", "order", "cubic: largest error", "order ")
-    return Table(columns, rows, "The background grid's interpolation, 0.7 and more from the slab.", digits=3)
+    return Table(columns, rows, "Interpolation on the background grid, at least 0.7 away from the slab.", digits=3)
 
 
 def draw(figure: Any, quick: bool) -> None:

@@ -125,7 +125,7 @@ def _offsets(section: Node, size: int, count: int) -> Integers | None:
         return None
     starts = _array(section, "ElementStartOffset")
     if len(starts) != count + 1 or starts[0] != 0 or starts[-1] != size or (np.diff(starts) < 1).any():
-        raise section.refused(f"its ElementStartOffset does not run upwards from 0 to {size} for {count} elements")
+        raise section.refused(f"its ElementStartOffset does not increase from 0 to {size} for {count} elements")
     return starts
 
 
@@ -139,7 +139,7 @@ def _listed(section: Node, connectivity: Integers, count: int) -> tuple[Integers
     for element in range(count):
         starts[element] = place - element
         if place >= len(values) or not 0 < values[place] < len(values) - place:
-            raise section.refused(f"element {element} of the section has no count, or fewer entries than it says")
+            raise section.refused(f"element {element} of the section has no count, or fewer entries than its count")
         place += 1 + values[place]
     starts[count] = place - count
     if place != len(values):

@@ -139,7 +139,7 @@ def numbering(path: Path, zones: list[Node], points: list[Floats]) -> tuple[Inte
         return whole.patches[0, ""], notes
     number = _united(np.concatenate(pairs), int(starts[-1]))
     notes = [f"{len(zones)} zones were joined; {len(number) - int(number.max()) - 1} nodes were in several of them"]
-    periodic = [f"{n_periodic} connections are periodic: give the patches there the role periodic"]
+    periodic = [f"{n_periodic} connections are periodic: give their patches the role periodic"]
     return number, notes * (len(zones) > 1) + periodic * (n_periodic > 0)
 
 

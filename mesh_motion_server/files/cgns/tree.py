@@ -38,7 +38,9 @@ def open_cgns(path: Path) -> Iterator[Node]:
     with path.open("rb") as file:
         beginning = file.read(32)
     if _ADF in beginning:
-        raise InvalidInput(f"{path}: a CGNS file in the old ADF format", hint=f"adf2hdf {path.name} turns it into HDF5")
+        raise InvalidInput(
+            f"{path}: a CGNS file in the old ADF format", hint=f"adf2hdf {path.name} converts it to HDF5"
+        )
     with opened_hdf5(path, "CGNS file") as root:
         yield Node(path, "/", root)
 

@@ -193,7 +193,7 @@ def _polyhedral(
     single = [part for part in fixed if part.name == VERTEX]
     if len(single) < len(fixed) or points.shape[1] != 3:
         raise zone.refused(
-            "NGON_n faces next to other elements, or in a plane; they are read as polyhedra of a 3D zone"
+            "NGON_n faces mixed with other elements, or in 2D; they are read only as faces of polyhedra in a 3D zone"
         )
     faces = join_faces(zone, points, listed)
     pieces = divide(faces.mesh, find_cells(faces.mesh))

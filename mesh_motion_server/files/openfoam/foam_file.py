@@ -83,7 +83,7 @@ class FoamFile:
     def _of(cls, path: Path, data: bytes) -> FoamFile:
         found = _HEADER.search(data[:10_000])
         if found is None:
-            raise InvalidInput(f"{path}: no OpenFOAM file: it has no FoamFile header")
+            raise InvalidInput(f"{path}: not an OpenFOAM file: it has no FoamFile header")
         entries = _entries(found[1].decode("latin-1"))
         arch = entries.get("arch", "")
         order = ">" if "MSB" in arch else "<"

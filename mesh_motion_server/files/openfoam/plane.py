@@ -76,7 +76,7 @@ def plane_axes(mesh: FaceMesh) -> tuple[int, ...]:
     axes = tuple(int(a) for a in range(3) if total == 0.0 or areas[a] / total <= _NO_COMPONENT)
     if len(axes) < 2:
         raise InvalidInput(
-            f"{mesh.path}: the empty patches leave {len(axes)} dimension(s); meshes of two or three are moved",
+            f"{mesh.path}: the empty patches leave {len(axes)} dimension(s); a mesh must have two or three",
             hint="empty patches must lie in planes normal to one coordinate",
         )
     return axes

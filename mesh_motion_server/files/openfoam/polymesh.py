@@ -75,7 +75,7 @@ def _polymesh_folder(path: Path) -> Path:
             return candidate
     hint = "a case has its mesh in constant/polyMesh (blockMesh makes it)"
     if (folder / "processor0").is_dir():
-        hint = "the case is decomposed: reconstructParMesh -constant puts it together"
+        hint = "the case is decomposed: reconstructParMesh -constant merges it"
     raise InvalidInput(f"{path}: neither an OpenFOAM case nor a polyMesh folder: no file 'faces'", hint=hint)
 
 
@@ -92,7 +92,7 @@ def read_face_mesh(folder: Path) -> FaceMesh:
     if decomposed:
         raise InvalidInput(
             f"{folder}: patch {decomposed[0]!r} is of type processor: this is a part of a decomposed mesh",
-            hint="reconstructParMesh -constant puts it together; at run time adapters/openfoam moves it in parts",
+            hint="reconstructParMesh -constant merges it; at run time adapters/openfoam moves it in parts",
         )
     return FaceMesh(folder, points, starts, nodes, owner, neighbour, patches)
 

@@ -76,7 +76,7 @@ class FaceMesh:
             wrong = np.flatnonzero((cells < 0) | (cells >= max(most, 1)))
             if len(wrong):
                 cell = int(cells[wrong[0]])
-                reason = "is negative" if cell < 0 else f"cannot be: so many faces make no more than {most} cells"
+                reason = "is negative" if cell < 0 else f"is too large: these faces make at most {most} cells"
                 raise self._refused(f"the {what} of face {int(wrong[0])} is cell {cell}, which {reason}")
         same = np.flatnonzero(self.owner[: self.n_inner] == self.neighbour)
         if len(same):

@@ -64,7 +64,9 @@ class VtkGrid:
     def __post_init__(self) -> None:
         sizes = np.diff(self.offsets)
         if len(self.offsets) != len(self.types) + 1 or (len(sizes) and (sizes.min() < 0 or self.offsets[0] != 0)):
-            raise ValueError(f"{len(self.types)} cells, but offsets that do not run upwards from 0 for so many")
+            raise ValueError(
+                f"{len(self.types)} cells, but their offsets do not increase from 0, or have another length"
+            )
         if len(self.offsets) and self.offsets[-1] != len(self.connectivity):
             raise ValueError(f"cells of {int(self.offsets[-1])} nodes, but a connectivity of {len(self.connectivity)}")
         for arrays, count, what in (

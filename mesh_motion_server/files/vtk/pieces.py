@@ -107,7 +107,7 @@ def _numbering(path: Path, points: Floats, first: Integers) -> tuple[Integers, I
         nodes = np.flatnonzero((place == double[0, 0]) & (piece == double[0, 1])) - first[double[0, 1]]
         raise InvalidInput(
             f"{path}: piece {double[0, 1] + 1} has its nodes {nodes[0]} and {nodes[1]} at one place, and another "
-            "piece has a node there: which of them are one node is not known",
+            "piece has a node there: the file does not say which of the two nodes it is",
             hint="save the mesh as one piece",
         )
     place = np.where(shared[place], place, np.arange(len(points)))

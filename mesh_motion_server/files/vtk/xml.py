@@ -30,7 +30,7 @@ _UNPACKERS: dict[str, Callable[[], Any]] = {
     "vtkLZMADataCompressor": lzma.LZMADecompressor,
 }
 _OF_FILES = "give one of the files that it names"
-_BY_PARAVIEW = "ParaView's filter Append Datasets makes such a grid of it: save that as .vtu"
+_BY_PARAVIEW = "convert it with ParaView's filter Append Datasets, and save the result as .vtu"
 _WAYS_IN = {
     "Collection": _OF_FILES,
     "vtkMultiBlockDataSet": _OF_FILES,
@@ -127,7 +127,7 @@ class _Values:
         self._integer = np.dtype(order + ("u8" if self.root.get("header_type") == "UInt64" else "u4"))
         self._compressor = self.root.get("compressor")
         if self._compressor and self._compressor not in _UNPACKERS:
-            raise ValueError(f"it is packed by {self._compressor}; known are {', '.join(_UNPACKERS)}")
+            raise ValueError(f"it is compressed by {self._compressor}; known are {', '.join(_UNPACKERS)}")
 
     def arrays(self, piece: ElementTree.Element, section: str) -> dict[str, NDArray[np.generic]]:
         """The arrays of a section of a piece; arrays of text are left out."""

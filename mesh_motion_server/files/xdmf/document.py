@@ -54,7 +54,7 @@ class Document:
             found = []
         found = [child for one in found for child in one if child.tag in tags] if tags else found
         if not found:
-            raise ValueError(f"the reference {path.strip()!r} leads to nothing that is known")
+            raise ValueError(f"the reference {path.strip()!r} has no target")
         return found
 
     def children(self, parent: ElementTree.Element, tag: str) -> list[ElementTree.Element]:
@@ -108,7 +108,7 @@ class Document:
         """A file of numbers that this file names."""
         place = self.path.parent / name
         if not place.is_file():
-            raise ValueError(f"there is no {place}, which has its numbers")
+            raise ValueError(f"there is no {place}, which should hold its numbers")
         return place
 
     def _hdf5(self, text: str) -> NDArray[Any]:

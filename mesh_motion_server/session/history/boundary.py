@@ -56,6 +56,7 @@ _INPUT, _OUTCOME, _MAKER, _TAKEN_UP, _TIME = 1, 2, 3, 4, 5
 _SECONDS = struct.Struct("<d")
 #: Number of bits of a record's place that hold its offset.
 _OFFSET_BITS = 40
+#: Place of a step without a record; valid places are not negative.
 _NOWHERE = -1
 
 
@@ -153,7 +154,8 @@ class BoundaryLog:
         found = self._record(place)
         if found is None or found[0].row_bytes < 8:
             raise DataLoss(
-                f"{self._paths[place >> _OFFSET_BITS]}: what the boundary did in step {step} does not verify",
+                f"{self._paths[place >> _OFFSET_BITS]}: the recorded motion of the boundary in step {step} "
+                "has a wrong checksum",
                 hint=f"replay the steps before it: --until {step - 1}",
                 details={"step": step},
             )

@@ -119,7 +119,7 @@ class Segments:
         if now - begin > PATIENCE + len(data) * _PER_BYTE:
             self._waited += now - begin
             if self._waited > ALLOWANCE + _SHARE * (now - self._since):
-                raise Slow(f"the disk has let steps wait for {self._waited:.1f} s, now {now - begin:.1f} s")
+                raise Slow(f"steps waited {self._waited:.1f} s for the disk in all, this one {now - begin:.1f} s")
 
     def close(self) -> None:
         """Close the file; idempotent."""

@@ -153,7 +153,7 @@ def unreadable(what: str, error: OSError) -> DataLoss:
         missing = f"{os.path.basename(os.fsdecode(error.filename))}: " if error.filename else ""
         return DataLoss(f"{what} cannot be read: {missing}{error.strerror or error}")
     return disk_failure(
-        f"{what} cannot be read", error, hint="see to the disk that holds the state folder, then try again"
+        f"{what} cannot be read", error, hint="check the disk that holds the state folder, then try again"
     )
 
 

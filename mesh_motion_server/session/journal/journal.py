@@ -380,7 +380,7 @@ class Journal:
             raise DataLoss(
                 "the journal is frozen since an earlier operation failed",
                 code="RESOURCE_EXHAUSTED.DISK",
-                hint="see to the disk, then resume the session",
+                hint="check the disk, then resume the session",
             )
 
     @contextmanager
@@ -392,5 +392,5 @@ class Journal:
             self.frozen = True
             if not isinstance(error, OSError):
                 raise
-            hint = "see to the disk, then resume the session"
+            hint = "check the disk, then resume the session"
             raise disk_failure(doing, error, "; nothing more is written", hint=hint) from error

@@ -101,7 +101,7 @@ def verified(packed: bytes) -> Record:
     """The record that :func:`pack_record` has just packed."""
     record = unpack_record(packed)
     if record is None:
-        raise DataLoss("a record does not verify right after it was packed", code="INTERNAL")
+        raise DataLoss("a record has a wrong checksum right after it was packed", code="INTERNAL")
     return record
 
 

@@ -94,7 +94,9 @@ def examine(manifest: bytes, view_slots: Callable[[Foundation], tuple[SlotView, 
     ledger = sum_up(records, keep=keep)
     torn = len(manifest) < ledger.capacity or any(manifest[end : ledger.capacity])
     if (later := find_record(manifest, end)) is not None:
-        raise _damage(f"the record at byte {end} of the manifest does not verify, a later one at {later} does", end)
+        raise _damage(
+            f"the record at byte {end} of the manifest has a wrong checksum, but a later one at {later} is correct", end
+        )
     slots = view_slots(ledger.foundation)
     completion = _completion(slots, ledger.last)
     for record in completion:
@@ -102,7 +104,7 @@ def examine(manifest: bytes, view_slots: Callable[[Foundation], tuple[SlotView, 
     _check_witness(manifest, ledger, end)
     dirty = _dirty_slots(slots, ledger)
     if dirty and torn and not completion:
-        raise _damage(f"the record at byte {end} of the manifest does not verify and slot {dirty[0]} neither", end)
+        raise _damage(f"the record at byte {end} of the manifest has a wrong checksum, and slot {dirty[0]} too", end)
     return Findings(ledger, end, completion, torn, dirty, tuple(records))
 
 
@@ -131,7 +133,7 @@ def read_chain(manifest: bytes) -> tuple[list[Record], int]:
                 hint="open it with the version of the server that wrote it; nothing was changed",
                 details={"got": manifest[6], "expected": list(FORMATS)},
             )
-        raise _damage("the first record of the manifest does not verify", 0)
+        raise _damage("the first record of the manifest has a wrong checksum", 0)
     records, end = [first], first.length
     while (record := unpack_record(manifest, end)) is not None and record.follows(records[-1]):
         records.append(record)
@@ -147,7 +149,9 @@ def _completion(slots: tuple[SlotView, SlotView], last: Record) -> tuple[Record,
         if record.sequence <= last.sequence:
             continue
         if not record.follows(last):
-            raise _damage(f"slot {number} knows of record {record.sequence}, the manifest ends with another one", 0)
+            raise _damage(
+                f"slot {number} refers to record {record.sequence}, but the manifest ends with another record", 0
+            )
         if slot.state_verifies():
             found.append(record)
             last = record
@@ -160,7 +164,7 @@ def _check_witness(manifest: bytes, ledger: Ledger, end: int) -> None:
         return
     witness = Witness.unpack(manifest[ledger.capacity :])
     if witness is not None and not witness.agrees(ledger.last):
-        raise _damage(f"the record at byte {end} of the manifest does not verify, and it did", end)
+        raise _damage(f"the record at byte {end} of the manifest has a wrong checksum, but it was correct once", end)
 
 
 def _dirty_slots(slots: tuple[SlotView, SlotView], ledger: Ledger) -> tuple[int, ...]:

@@ -97,7 +97,7 @@ class ReplyTable(Generic[T]):
             raise SessionError(
                 f"request {request.sequence} is older than the replies kept ({client.floor + 1} and later)",
                 code="ABORTED.STALE",
-                hint="number new requests upwards; ask STATUS where the session stands",
+                hint="give new requests increasing numbers; STATUS returns the session's step",
                 details={"sequence": request.sequence, "oldest": min(client.floor + 1, 2**63 - 1)},
             )
         return None
@@ -116,7 +116,7 @@ class ReplyTable(Generic[T]):
         if known.content == request.content:
             return known
         raise SessionError(
-            f"request {request.sequence} was already made with other content",
+            f"request {request.sequence} was already sent with other content",
             code="ABORTED.CONFLICT",
             hint="a new request needs a new sequence number",
             details={"sequence": request.sequence},

@@ -92,14 +92,14 @@ def check_boundary(mesh: MergedMesh) -> None:
     alone = np.flatnonzero(held == 1)
     if len(alone):
         fault, hint = (
-            f"is on the boundary and on no patch ({len(alone)} such nodes)",
+            f"is on the boundary, but on no patch ({len(alone)} such nodes)",
             "give it the role moving or fixed",
         )
         raise _undetermined(mesh, int(alone[0]), fault, hint)
     pairs = coincident_nodes(mesh.points, mesh.on_patches)
     if len(pairs):
         first, other = pairs[0].tolist()
-        raise _undetermined(mesh, other, f"is at the place of that with {mesh.global_ids[first]}", "merge them")
+        raise _undetermined(mesh, other, f"has the same position as that with {mesh.global_ids[first]}", "merge them")
 
 
 def check_near(mesh: MergedMesh, wall: Integers) -> None:
@@ -112,8 +112,8 @@ def check_near(mesh: MergedMesh, wall: Integers) -> None:
     """
     bare = np.setdiff1d(wall, _nodes_of(block.nodes for block in mesh.near))
     if len(bare):
-        fault = f"is on a moving wall and in no near cell that was sent ({len(bare)} such nodes)"
-        raise _undetermined(mesh, int(bare[0]), fault, "UPLOAD the cells about it as near_cells, then send BUILD")
+        fault = f"is on a moving wall, but in none of the near cells that were sent ({len(bare)} such nodes)"
+        raise _undetermined(mesh, int(bare[0]), fault, "UPLOAD the cells around it as near_cells, then send BUILD")
 
 
 def _nodes_of(rows: Iterable[Integers | Shorts]) -> Integers:

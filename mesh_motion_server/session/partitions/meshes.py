@@ -228,7 +228,9 @@ class MergedMesh:
         return [(own, np.searchsorted(self.moving, m[own])) for own, m in zip(local, self.node_maps, strict=True)]
 
     def scatter_moving(self, values: Floats) -> list[Floats]:
-        """(k_p, c) rows of the moving nodes' ``values`` (k, c), in each partition's order of ``moving_local``."""
+        """Rows (k_p, c) of the moving nodes' ``values`` (k, c) for each partition, in the order of its
+        ``moving_local``.
+        """
         return [np.take(values, np.searchsorted(self.moving, m[own]), axis=0) for m, own in self._moving_pairs()]
 
     def gather_sums(self, values: Sequence[Floats]) -> Floats:

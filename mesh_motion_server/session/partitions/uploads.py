@@ -159,11 +159,13 @@ class MeshUpload:
         """
         for partition, reach in enumerate(reaches):
             if reach not in (0.0, self.reach):
-                asked = f"0 or {self.reach!r}, that of BUILT" if self.reach else "0: no BUILT has had one yet"
+                asked = (
+                    f"0 or {self.reach!r}, that of BUILT" if self.reach else "0, because no BUILT has had a reach yet"
+                )
                 raise InvalidInput(
                     f"partition {partition}: BUILD has the reach {reach!r}, expected {asked}",
                     code="INVALID_ARGUMENT.VALUE",
-                    hint="send BUILD with the reach of BUILT, once the cells that it needs were sent as near_cells",
+                    hint="send the cells within the reach of BUILT as near_cells, then BUILD with this reach",
                     details={"partition": partition, "field": "reach", "value": reach},
                 )
 
@@ -194,7 +196,7 @@ class MeshUpload:
             raise InvalidInput(
                 f"partition {number} sent no nodes",
                 code="INVALID_ARGUMENT.MESH",
-                hint="send UPLOAD with item 'nodes'; without rows where the partition has none",
+                hint="send UPLOAD with item 'nodes'; without rows if the partition has none",
                 details={"partition": number},
             )
         points = whole["nodes", ""]

@@ -13,10 +13,12 @@ from mesh_motion_server.watch.observation.series import Series
 
 __all__ = ["MOST_POINTS", "Followed", "plain_column"]
 
+#: Largest number of points of a request; as in pictures/history.py, more of them would share pixels.
 MOST_POINTS = 5000
 #: Number of the latest warnings, refusals and state changes that are kept.
 _NOTABLE = 200
 _NOTED = ("refused", "resumed", "suspended", "joined", "closed", "frozen", "failed", "boundary_ended", "built")
+#: Significant digits that a chart shows.
 _DIGITS = 5
 
 

@@ -11,6 +11,7 @@ __all__ = ["Reading"]
 
 #: Maximum seconds of reading for one request; other requests are answered in between.
 _SECONDS = 0.7
+#: Bytes read between two checks of the time.
 _PIECE = 4 << 20
 #: If a history is longer, its end is read first.
 _LATEST = 8 << 20

@@ -111,7 +111,7 @@ class Series:
         """
         steps = self._table[: self._count, 0]
         begin = 0 if first is None else int(np.searchsorted(steps, first))
-        table = self._table[begin : self._count].copy()
+        table = self._table[begin : self._count].copy()  # later events overwrite rows of steps that were repeated
         columns = {name: table[:, number] for number, name in enumerate(COLUMNS)}
         return columns if most is None else thinned(columns, most)
 

@@ -114,7 +114,7 @@ def _not_recorded(session_folder: Path, step: int) -> InvalidInput:
     recorded = digest_of_history(session_folder)
     hint, first, last = "", min(recorded.spans, default=(0, 0))[0], max(recorded.spans, default=(0, 0))[1]
     if first <= step <= last:
-        hint = "the history had ended for a while: the server's log has the warning, and why"
+        hint = "the history was interrupted: a warning in the server's log gives the reason"
     elif 0 < step < first:
-        hint = "of the events the oldest go first: the server's setting history_bytes says how many are kept"
+        hint = "the oldest events are removed first: the server's setting history_bytes limits what is kept"
     return InvalidInput(f"{session_folder}: step {step} is not recorded; recorded are {recorded.recorded}", hint=hint)

@@ -202,7 +202,7 @@ def lost_files(state: str) -> Verdict:
 
 def server_gone(since: float) -> Verdict:
     """The verdict for sessions of a server that has not answered since a Unix time."""
-    return Verdict("server gone", "bad", "what is shown is as it was then", since)
+    return Verdict("server gone", "bad", "this is the last known state", since)
 
 
 def _stands(recent: Recent) -> str:
@@ -252,7 +252,7 @@ def _stalled(recent: Recent, now: float) -> Verdict | None:
     if now - since <= max(_PATIENCE, _PAUSES * recent.pause):
         return None
     why = f"no commit after step {recent.commits[-1].step}, usually one every {duration(recent.pause)}"
-    return Verdict("stalled", "bad", why + (f"; trial {recent.iteration} stands" if recent.iteration else ""), since)
+    return Verdict("stalled", "bad", why + (f"; trial {recent.iteration} is open" if recent.iteration else ""), since)
 
 
 def _degrading(recent: Recent) -> Verdict | None:

@@ -28,6 +28,7 @@ __all__ = ["STATIC", "Page"]
 
 STATIC = Path(__file__).with_name("static")
 _JSON = "application/json"
+#: Points of a chart if the request names no number; the page itself requests as many (static/history.js).
 _POINTS = 1500
 #: Minimum seconds between two readings of the list, and the maximum share of the time: many folders take long to read.
 _LIST_SECONDS, _LIST_SHARE = 1.0, 0.05
@@ -132,7 +133,7 @@ class Page:
     async def _made(self, thread: Executor, make: Callable[[], Answer]) -> Answer:
         """An answer, computed in its thread."""
         if self._waiting[thread] >= _WAITING:
-            raise HTTPException(503, "too many questions at a time")
+            raise HTTPException(503, "too many requests at a time")
         self._waiting[thread] += 1
         try:
             return await asyncio.get_running_loop().run_in_executor(thread, make)

@@ -1,7 +1,7 @@
 """Answers to the page's requests, with one thread for each kind, so that a long history does not delay the list.
 
 The archive reads only what a page shows, and caches it: the series of the last few sessions, some pictures, and the
-answers as long as they are valid. So many pages cost the same as one.
+answers as long as they are valid. So any number of pages costs the same as one.
 """
 
 import json
@@ -79,7 +79,7 @@ class Archive:
         except MemoryError:
             raise InvalidInput("the mesh is too large to be drawn here") from None
         except ModuleNotFoundError as error:
-            missing = f"the server has no {error.name} (the extra monitor)"
+            missing = f"the server has no package {error.name}: install the extra monitor"
             raise InvalidInput(f"the mesh cannot be drawn: {missing}") from None
 
     def _follow(self, session: str) -> Reading:

@@ -31,8 +31,10 @@ __all__ = ["main"]
 
 #: Memory beyond what Python maps: libraries, threads, one mesh.
 _MEMORY = 3 << 30
+#: More than the connections that connections.py admits, for the files of histories and meshes too.
 _DESCRIPTORS = 256
 _BACKLOG = 64
+#: Largest head of a request: the page sends only GET with short parameters.
 _REQUEST_BYTES = 16384
 #: Niceness: gives a tenth of a processor when solvers use all of them; 19 gave a hundredth, and a page took minutes to
 #: open.

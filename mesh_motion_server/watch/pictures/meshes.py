@@ -110,9 +110,9 @@ def _recorded_pair(folder: Path, metric: str | None, first: int | None, last: in
         step, points[mesh.id_order] = stored[0], stored[1][: len(points)]  # without earlier time levels
     if first not in (None, 0) or last not in (None, step):
         raise InvalidInput(
-            f"--steps: of a session the mesh is stored as uploaded and after step {step} only, got "
+            f"--steps: a session stores its mesh as uploaded and after step {step} only, got "
             f"{'' if first is None else first}:{'' if last is None else last}",
-            hint="mesh-motion play --from-journal makes the other steps again, and plot draws what it writes",
+            hint="mesh-motion play --from-journal replays the other steps, and plot draws its results",
         )
     metric = metric or spec.settings.quality_metric
     pair = pair_of(mesh.points, mesh.cells, mesh.points, points, steps=(0, step), metric=metric)

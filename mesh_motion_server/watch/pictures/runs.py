@@ -112,7 +112,7 @@ def read_runs(folders: Sequence[Path], metric: str | None = None) -> list[Run]:
     if len(metrics) > 1:
         raise InvalidInput(
             f"the runs have different quality metrics: {', '.join(sorted(metrics))}",
-            hint=f"--metric {_RECORDED[0]} draws one that all have",
+            hint=f"--metric {_RECORDED[0]} draws a metric that all runs have",
         )
     counts = Counter(run.label for run in runs)
     return [

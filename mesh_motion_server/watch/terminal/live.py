@@ -20,6 +20,7 @@ from mesh_motion_server.watch.terminal.table import Look, look_at, rendered, wit
 
 __all__ = ["watch"]
 
+#: 128 + SIGHUP, as shells report a process that its terminal has ended.
 _HUNG_UP = 129
 #: Rows below the list: the details of one session.
 _ROWS_OF_DETAILS = 20

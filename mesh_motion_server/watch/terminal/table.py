@@ -18,6 +18,7 @@ __all__ = ["Look", "look_at", "rendered", "values_of", "without_server"]
 
 _TONES = {"good": "green", "warn": "bold yellow", "bad": "bold red", "": ""}
 _KINDS = {"warning": "yellow", "refused": "bold magenta", "failed": "bold red"}
+#: Cells and messages shown: with the other lines they fill live.py's _ROWS_OF_DETAILS.
 _WORST = 3
 _MESSAGES = 10
 
@@ -67,7 +68,7 @@ def rendered(where: str, look: Look, trouble: str = "", most_rows: int | None = 
     count = len(look.sessions)
     rows: list[RenderableType] = [inert(f"{where}: {count} session{'s' if count != 1 else ''}", style="bold")]
     if look.sessions and all(entry["worker"] == "none" for entry in look.sessions):
-        trouble = trouble or "no process holds a session: these are files"
+        trouble = trouble or "no process holds a session: the table comes from stored files"
     if trouble:
         rows.append(inert(trouble, style="bold yellow"))
     if look.sessions:

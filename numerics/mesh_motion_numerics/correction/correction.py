@@ -12,8 +12,8 @@ enrichment          all coefficients of all points at once: :mod:`.enrichment.co
 optimised           trial nodes freed as needed: :mod:`.trial_nodes`; in 1D the exact optimum: :mod:`.equal_stretch`
 ==================  =====================================================================================
 
-These corrections use a threshold and a target, and treat each motion separately. ``correction = "smooth"`` is not in
-this module: it is a smooth function of the boundary (:mod:`.smooth_motion`).
+These corrections use a threshold and a target, and treat each motion separately. ``correction = "smooth"`` is in
+another module (:mod:`.smooth_motion`): its mesh is a smooth function of the boundary.
 
 ``optimised`` frees nodes and does not start with an enrichment: from plain RBF positions the freed nodes reach the
 threshold in less time than the setup of an enrichment takes, at every measured size, and end at a better quality.

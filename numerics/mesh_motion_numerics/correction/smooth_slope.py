@@ -239,5 +239,5 @@ def not_at_minimum() -> QualityRefused:
     return QualityRefused(
         "the mesh was corrected in another way than by the smooth correction: its motion has no derivative here",
         code="FAILED_PRECONDITION",
-        hint="ask at a step whose MOVED has no warning of it",
+        hint="request it at a step whose MOVED has no such warning",
     )

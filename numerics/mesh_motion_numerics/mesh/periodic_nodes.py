@@ -193,7 +193,7 @@ class PeriodicNodes:
                 f"the displacements of node {node} and of node {root}, its periodic image, differ by "
                 f"{away[torn[0]]:.3g}; expected the same, turned with the period where that is a rotation",
                 code="INVALID_ARGUMENT.VALUE",
-                hint="displace the images of a node as the node",
+                hint="give the image of a node the same displacement as the node",
                 details={"node": node, "image": root, "distance": float(away[torn[0]])},
             )
 
@@ -219,7 +219,7 @@ class PeriodicNodes:
             node, root = int(self.members[odd[0]]), int(self.roots[odd[0]])
             raise InvalidInput(
                 f"node {node} is {names[kind[node]]} but node {root}, its periodic image, is {names[kind[root]]}; "
-                "the two would not stay a pair",
+                "the two would not remain a pair",
                 code="INVALID_ARGUMENT.MESH",
                 hint="put both on a patch of the same role: a patch that ends at a periodic side has an image there",
                 details={"node": node, "image": root},

@@ -85,7 +85,7 @@ class PlaneRims:
                     f"moving node {node} leaves the plane of the symmetry patch {name!r}: it would be {distance:.3g} "
                     f"off, expected at most {self.closest:.3g}",
                     code="INVALID_ARGUMENT.VALUE",
-                    hint="displace the nodes on a symmetry plane within it, or give that patch the role slip",
+                    hint="move the nodes of a symmetry plane within that plane, or give that patch the role slip",
                     details={"patch": name, "node": node, "distance": distance},
                 )
             warnings.append(f"moving node {node} leaves the plane of the slip patch {name!r}: it is {distance:.3g} off")

@@ -18,7 +18,8 @@ __all__ = ["whole_walls"]
 
 
 def whole_walls(points: Floats, facets: Mapping[str, Integers], patches: Mapping[str, Patch]) -> dict[str, Integers]:
-    """Nodes (p,) of each slip or symmetry patch, with those of the facets at its rim that only it continues.
+    """Nodes (p,) of each slip or symmetry patch, together with the nodes of facets at its rim that are in no
+    patch and continue only this one.
 
     Parameters
     ----------
@@ -71,7 +72,7 @@ def _continued(
 
 
 def _of_no_patch(rows: Integers, table: Integers, listed: Mapping[str, Marks]) -> Integers:
-    """Those of the rows (l,) of the table whose facet belongs to no patch."""
+    """Rows (l,) of the table whose facet belongs to no patch."""
     belongs: Marks = np.logical_or.reduce([_inside(marks, table[rows]) for marks in listed.values()])
     found: Integers = rows[~belongs]
     return found

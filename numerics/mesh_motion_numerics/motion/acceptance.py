@@ -59,7 +59,7 @@ def refuse_unacceptable(method: Method, quality: Judgement, reached: bool) -> li
         )
     found = []
     if quality.inverted:
-        found.append(f"{quality.inverted} inverted cells kept, as allow_invalid asks")
+        found.append(f"{quality.inverted} inverted cells are kept, because allow_invalid is set")
     if not reached:
         found.append(f"minimum {name} {best:.4g} stays below the threshold {threshold:.4g}")
     return found
@@ -75,7 +75,10 @@ def other_unit(points: Floats, displacement: Floats, nearest: float = 0.0) -> st
     extent = float(np.linalg.norm(np.ptp(points, axis=0)))
     if far == 0.0 or nearest * extent <= far <= _FARTHEST * extent:
         return ""
-    return f"the motion's largest displacement is {far:.3g} and the mesh's extent {extent:.3g}: is it one unit?"
+    return (
+        f"the motion's largest displacement is {far:.3g} and the mesh's extent {extent:.3g}: "
+        "do both have the same unit?"
+    )
 
 
 def largest_accepted(

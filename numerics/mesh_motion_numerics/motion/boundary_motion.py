@@ -152,7 +152,7 @@ class BoundaryMotion:
     def headroom(self, way: Floats, points: Floats) -> Headroom:
         """Refuse, as :meth:`summary` does."""
         del way, points
-        raise SessionError("the headroom is not known: the cells are elsewhere")
+        raise SessionError("the headroom is not known here: the client has the cells")
 
     def why_no_slope(self) -> InvalidInput | None:
         """The reason why the motion has no derivative; None if it has one."""
@@ -161,7 +161,7 @@ class BoundaryMotion:
     def slope(self, points: Floats, factors: FactorSource) -> NoReturn:
         """Refuse, as :meth:`summary` does; the field has a derivative, see :meth:`field_map`."""
         del points, factors
-        raise SessionError("the derivative of all nodes is not known: the volume is elsewhere")
+        raise SessionError("the derivative of all nodes is not known here: the client has the volume")
 
     def field_map(self, factors: FactorSource) -> FieldMap:
         """The field as a function of the displacements of its control nodes."""
@@ -222,7 +222,7 @@ class BoundaryMotion:
             if abs(after) > 180.0 + _UNCERTAIN and abs(before) < 180.0 - _UNCERTAIN:
                 raise QualityRefused(
                     f"evaluation = 'client': patch {name!r} turns from {before:.5g}° to {after:.5g}°, expected at most "
-                    "half a turn: the solver's own ranks do not wind a mesh",
+                    "half a turn: a mesh on the solver's own ranks cannot be wound",
                     code="FAILED_PRECONDITION",
                     hint="open the session with evaluation = 'server', or turn back",
                     details={"patch": name},

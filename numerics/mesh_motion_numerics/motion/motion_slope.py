@@ -194,7 +194,7 @@ def _refuse_held_order(motion: StandardMotion, targets: Floats, plain: Floats, f
             f"node {int(np.argmax(passing))} slides no further, so that it keeps its order along its wall: "
             "the motion has no derivative here",
             code="FAILED_PRECONDITION",
-            hint="ask at a smaller displacement, or give the wall the role fixed",
+            hint="request it at a smaller displacement, or give the wall the role fixed",
         )
 
 

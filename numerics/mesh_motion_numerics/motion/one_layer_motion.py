@@ -168,7 +168,7 @@ class OneLayerMotion:
                 raise InvalidInput(
                     f"node {node} moves {what}, by {distances[wrong[0]]:.3g}, but the mesh is one layer of cells "
                     "between two planes, which moves in its plane only",
-                    hint="for a motion in space give one of the planes the role fixed and the other one slip",
+                    hint="for a motion in 3D give one of the planes the role fixed and the other one slip",
                     details={"node": node, "distance": float(distances[wrong[0]])},
                 )
 

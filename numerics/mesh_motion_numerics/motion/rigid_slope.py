@@ -125,7 +125,7 @@ def _carried_at_rest(sliding: SlidingSurfaces, along: Floats, turn: Floats, cent
         "at rest it depends on the direction whether the whole mesh is carried along its walls: "
         "the motion has no derivative here",
         code="FAILED_PRECONDITION",
-        hint="ask after a displacement, or give a patch the role fixed",
+        hint="request it after a displacement, or give a patch the role fixed",
     )
 
 

@@ -167,5 +167,5 @@ def unconverged(found: Smoothed) -> str:
     """The warning about a mesh that is not at the minimum."""
     return (
         f"the correction stopped before its minimum: its last step was {found.residual:.3g} long, so the mesh depends "
-        "on the way by about as much"
+        "on the path by about this length"
     )

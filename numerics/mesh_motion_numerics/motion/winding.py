@@ -56,7 +56,7 @@ __all__ = [
     "wound_slope",
 ]
 
-UNWOUND = "the mesh can be wound no further: it goes on from the least turn to the same boundary, and nodes jump"
+UNWOUND = "the mesh cannot be wound further: it continues from the smallest turn to the same boundary, and nodes jump"
 """The warning of a step that could not continue from the committed mesh's turn."""
 
 _FIRST, _ALL = np.pi / 2, 1.5 * np.pi  # |θ| at which S begins to rise from 0, and |θ| at which S is 1

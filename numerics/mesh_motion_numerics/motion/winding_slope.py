@@ -110,7 +110,9 @@ class WindingSlope:
         return float(sum(body.later * np.sum(body.twist * velocity[body.rows]) for body in self.bodies))
 
     def unwound(self, weights: Floats, later: float) -> tuple[Floats, Floats]:
-        """(n, d) and (k, d) derivatives by :meth:`wound`'s arguments, for weights (n, d) and one of :meth:`later`."""
+        """Derivatives (n, d) and (k, d) with respect to the arguments of :meth:`wound`, for weights (n, d) of its
+        result and one weight of :meth:`later`.
+        """
         moving, rest = weights[self.moving], weights.copy()
         rest[self.moving] = 0.0
         plain = rest.copy()

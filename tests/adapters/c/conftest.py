@@ -1,4 +1,4 @@
-"""The C client and what is built on it, compiled in temporary folders; a real server; the Python client's answer."""
+"""The C client and programs with it, compiled in temporary folders; a real server; the Python client's results."""
 
 import shutil
 import subprocess
@@ -33,7 +33,7 @@ def run(command, patience=PATIENCE, **options):
 
 
 def compiled(command, **options):
-    """The same for a compiler: how long it takes is the machine's affair, and the test has a limit."""
+    """The same for a compiler: its time depends on the machine, and the test has a limit."""
     return run(command, patience=None, **options)
 
 
@@ -47,7 +47,7 @@ def zmq_flags():
 
 
 def seeded(folder, *faults):
-    """The client's sources with each ``(sound, faulty)`` text replaced; every sound text stands in one place."""
+    """The client's sources with each ``(sound, faulty)`` text replaced; every sound text occurs exactly once."""
     texts = {source: source.read_text() for source in CLIENT}
     for sound, faulty in faults:
         (place,) = [source for source, text in texts.items() for _ in range(text.count(sound))]
@@ -63,7 +63,7 @@ class Compiler:
         self.folder, self.zmq_flags, self.objects = folder, zmq_flags, {}
 
     def object(self, source, flags=()):
-        """An object file; each is made once."""
+        """Compile an object file; each file only once."""
         key = source, tuple(flags)
         if key not in self.objects:
             need(COMPILERS[source.suffix])
@@ -71,7 +71,7 @@ class Compiler:
             includes = ["-I", SOURCE / "include", "-I", SOURCE / "src", f"-J{self.folder}"]
             if source.suffix != ".f90":
                 includes.pop()
-            # what decodes mutations by the hundred thousand has to be fast, all else to be compiled fast
+            # programs that decode hundreds of thousands of mutations must run fast, all others must compile fast
             speed = "-O1" if "wire" in source.stem else "-O0"
             given = [*STANDARD[source.suffix], *WARNINGS, *SANITIZE, speed, *flags, *includes]
             compiled([COMPILERS[source.suffix], *given, "-c", source, "-o", made])
@@ -95,7 +95,7 @@ def compiler(tmp_path_factory, zmq_flags):
 
 @pytest.fixture(scope="session")
 def installed(tmp_path_factory, zmq_flags):
-    """The prefix that CMake has installed everything into, with the Fortran module where there is a compiler."""
+    """The prefix into which CMake has installed everything, with the Fortran module if there is a compiler."""
     need("cmake", "gcc")
     folder = tmp_path_factory.mktemp("cmake")
     fortran = "ON" if shutil.which("gfortran") else "OFF"
@@ -134,7 +134,7 @@ def block_mesh():
 
 @pytest.fixture(scope="session")
 def python_answer(endpoint):
-    """What the example programs must print and write, by the Python client."""
+    """Expected output and files of the example programs, from the Python client."""
     mesh, qualities = block_mesh(), []
     with connect(endpoint) as server, server.open(mesh, {"support_radius": 0.5}) as session:
         x, y = (mesh.points[session.moving_nodes] - 0.5).T
@@ -163,6 +163,6 @@ def check_example(endpoint, python_answer, tmp_path):
 
 @pytest.fixture(scope="session")
 def tools():
-    """``run``, ``compile``, ``need``, ``seeded``, and where the sources are: for tests, in addition to fixtures."""
+    """``run``, ``compile``, ``need``, ``seeded`` and the paths of the sources, for tests in addition to fixtures."""
     given = {"run": run, "compile": compiled, "need": need, "seeded": seeded}
     return given | {"client": CLIENT, "source": SOURCE, "here": HERE, "root": ROOT}

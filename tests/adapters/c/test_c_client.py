@@ -27,7 +27,7 @@ def failed(driver, *only):
 
 
 def sources_of(tools, folder, name):
-    """A program, behind the module that it uses."""
+    """A program, with the module that it uses before it."""
     module = [tools["source"] / "fortran" / "mesh_motion.f90"] * name.endswith(".f90")
     return [*module, tools["source"] / folder / name]
 
@@ -61,7 +61,7 @@ def test_the_suite_finds_a_seeded_fault(compiler, tools, tmp_path, sound, faulty
 @pytest.mark.parametrize(("name", "needed"), [("block.c", "gcc"), ("block.cpp", "g++"), ("block.f90", "gfortran")])
 def test_the_example_answers_as_the_python_client(compiler, check_example, tools, name, needed):
     tools["need"](needed)
-    # what a Fortran main program has allocated lives until its end, which the leak check comes before
+    # arrays of a Fortran main program live until its end, but the leak check comes before it
     options = os.environ | {"ASAN_OPTIONS": f"detect_leaks={int(name != 'block.f90')}"}
     check_example(compiler.program(*sources_of(tools, "examples", name)), env=options)
 
@@ -210,7 +210,7 @@ def test_keys(compiler, tools, tmp_path, check_example):
 
         printed = tools["run"]([program, server.endpoint], env=os.environ | keys("alice"))
         assert "minimum quality" in printed
-        # on a busy machine a line that the server is silent may be before
+        # on a busy machine a line about the silent server may come before it
         assert "\nUNAUTHENTICATED" in f"\n{refused(**keys('mallory'))}"
         assert "\nUNAUTHENTICATED" in f"\n{refused()}"
         assert "both" in refused(MESH_MOTION_KEY="x")
@@ -234,7 +234,7 @@ def stopped_server(here):
 
 
 def lent_arrays(program, here, patience=1.0):
-    """What a program prints that frees its arrays after a time-out, and its exit status; then the server reads on."""
+    """Output and exit status of a program that frees its arrays after a time-out; then the server continues to read."""
     with stopped_server(here) as (server, endpoint):
         pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
         with subprocess.Popen([program, endpoint], text=True, **pipes) as process:
@@ -258,5 +258,5 @@ def test_an_array_that_is_kept_too_long_is_seen(compiler, tools, tmp_path):
         ("            mmi_disconnect(connection); /* the connection may be dead without an event */\n", ""),
     )
     program = compiler.program(tools["here"] / "lent_arrays.c", client=client)
-    # now and then all has been read before the server stops, and nothing is left to be read too late
+    # sometimes everything has been read before the server stops, and no read is too late
     assert any(lent_arrays(program, tools["here"], patience=3)[1] != 0 for _ in range(6))

@@ -25,7 +25,7 @@ SINCE_REFERENCE, SINCE_COMMITTED, KEEP = 1, 0, 0
 
 @pytest.fixture(scope="module")
 def prefix(tmp_path_factory, tools, zmq_flags, c_kernels):
-    """Where the client that evaluates with the kernels is installed."""
+    """The prefix with the client that evaluates with the kernels."""
     folder, run = tmp_path_factory.mktemp("own_ranks"), tools["compile"]
     made, build = folder / "prefix", folder / "build"
     shutil.copytree(c_kernels, made, symlinks=True)  # the client looks for them where it is itself
@@ -58,7 +58,7 @@ def cube(side):
 
 @pytest.fixture(scope="module")
 def whole(endpoint):
-    """Side → numbers of nodes, their final coordinates, quality of each step: of a session with the whole mesh."""
+    """Side → numbers of nodes, their final coordinates, quality of each step, from a session with the whole mesh."""
 
     def answer(side, threshold):
         mesh, ids = cube(side)
@@ -110,7 +110,7 @@ def test_ranks_of_mpi_give_what_the_whole_mesh_gives(prefix, endpoint, whole, to
 
 
 class CSession:
-    """A session by the C library; arrays are kept while it may read them."""
+    """A session of the C library; arrays are kept while the library may read them."""
 
     def __init__(self, prefix, endpoint):
         self.c = ctypes.CDLL(str(prefix / "lib" / "libmesh_motion.so"))
@@ -370,7 +370,9 @@ def shifted(count, shift, mesh):
 
 @pytest.mark.parametrize(("name", "settings"), [*((name, {}) for name in WALLS), ("curved", {"basis": "tps"})])
 def test_nodes_slide_and_are_differentiated_as_by_python(prefix, endpoint, name, settings):
-    """Motion bitwise, derivatives but for the order of sums: of trials and committed states, two vectors at once."""
+    """Equal motion bit by bit, equal derivatives except for the order of sums: for trials and committed states, two
+    vectors at once.
+    """
     mesh = as_client(*WALLS[name]())
     d = mesh.points.shape[1]
     with (
@@ -408,7 +410,7 @@ def test_nodes_slide_and_are_differentiated_as_by_python(prefix, endpoint, name,
 
 @pytest.mark.parametrize("name", ["curved", "planes in space", "sector"])
 def test_a_rank_in_c_next_to_ranks_in_python(prefix, tmp_path, name):
-    """They move as three ranks of Python do, and differentiate to rounding."""
+    """The ranks move as three ranks of Python do, and their derivatives are equal to rounding."""
     mesh = as_client(*WALLS[name]())
     parts, weights = in_pieces(mesh, 3), np.cos(4.0 * mesh.points)
 
@@ -430,7 +432,7 @@ def test_a_rank_in_c_next_to_ranks_in_python(prefix, tmp_path, name):
 
 
 def first_in_c(prefix, server, parts, work):
-    """``work(session, part)`` on ranks of which the first is one in C, and all others are in Python."""
+    """Run ``work(session, part)`` on ranks of which the first is in C, and all others are in Python."""
     with CSession(prefix, server.endpoint) as session, ThreadPoolExecutor(len(parts)) as pool:
         session.call("set_partition", c_int(0), c_int(len(parts)))
         session.describe(parts[0])
@@ -451,7 +453,7 @@ def first_in_c(prefix, server, parts, work):
 
 
 def pitch(session, part):
-    """Displacements and points of two steps, with derivatives behind each: the same of a session in C and in Python."""
+    """Displacements and points of two steps, with derivatives after each: equal for a session in C and in Python."""
     moving, found = session.moving_nodes, []
     for degrees in (1.0, 25.0):
         moved = session.move(pitched(part.points[moving], degrees))
@@ -518,7 +520,7 @@ def test_other_languages_differentiate_as_c(prefix, endpoint, tools, tmp_path, n
 
 
 def test_after_kill_9_the_derivative_is_the_same(prefix, tmp_path):
-    """The server does not know the region of the correction any more, and is sent it again."""
+    """The server has forgotten the region of the correction, and gets it again."""
     mesh = as_client(*WALLS["curved"]())
     with ServerProcess(tmp_path) as server, CSession(prefix, server.endpoint) as session:
         session.open(mesh, {})

@@ -1,4 +1,4 @@
-"""The C client as it is installed: a CMake package, a pkg-config file, a plain Makefile; it exports ``mm_`` alone.
+"""The installed C client: a CMake package, a pkg-config file, a plain Makefile; it exports only ``mm_`` names.
 
 As docs/tutorials/own_code_in_c.md installs it.
 """
@@ -159,7 +159,7 @@ def test_what_is_exported(prefix, tools, request):
 
 
 def test_there_is_no_global_state(compiler, tools):
-    """What may be written lies in contexts and sessions: the sections of written data are empty."""
+    """All variable data belongs to contexts and sessions: the sections of written data are empty."""
     for source in tools["client"]:
         made = compiler.folder / f"plain_{source.stem}.o"
         flags = ["-std=c11", f"-I{tools['source'] / 'include'}", *compiler.zmq_flags]
@@ -169,7 +169,7 @@ def test_there_is_no_global_state(compiler, tools):
 
 
 def test_private_names_have_a_prefix(made, tools):
-    """The sources may be compiled into a program of any names; mmv_ are in a library with the kernels only."""
+    """The sources can be compiled into a program with any names; only a library with the kernels has mmv_ names."""
     listed = tools["run"](["nm", "--defined-only", "--extern-only", made / "lib" / "libmesh_motion.a"])
     names = set(re.findall(r" [A-Z] (\w+)", listed))
     assert {name for name in names if not name.startswith(("mm_", "mmi_", "mmv_"))} == set()

@@ -1,4 +1,4 @@
-"""The C client while workers and servers are killed for real: it ends bitwise where an undisturbed run ends."""
+"""The C client while workers and servers are really killed: its result is bitwise that of an undisturbed run."""
 
 import ctypes
 import os
@@ -20,7 +20,7 @@ DEADLINE_EXCEEDED, FAILED_PRECONDITION, INTERNAL, UNAVAILABLE = 4, 9, 13, 14
 
 
 class Driver:
-    """A square whose left side moves, or the half of it that one of two ranks has, by the installed library."""
+    """A square whose left side moves, or one half of it for each of two ranks, with the installed library."""
 
     def __init__(self, installed, endpoint, rank=None, announced=None):
         self.library = library = ctypes.CDLL(str(installed / "lib" / "libmesh_motion.so"))
@@ -179,7 +179,7 @@ def test_enrichment_points_of_another_dimension_are_refused(installed):
 
 
 def test_each_session_keeps_the_number_of_its_unanswered_opening(installed):
-    """Two sessions of one context are opened while the server is silent: asked again, each is the same request."""
+    """Two sessions of one context are opened while the server is silent: each repeat is the same request."""
     scripted = ScriptedServer([Disturbance("OPEN", "drop", nth=2, times=2)], {})
     try:
         driver = Driver(installed, scripted.endpoint)
@@ -217,7 +217,7 @@ def test_a_reply_has_no_more_frames_than_the_mesh_can_fill(installed):
 
 
 def test_arrays_of_many_frames(installed):
-    """Up in parts of two chunks, without a copy; down in three chunks, the last one cut short."""
+    """Uploads in parts of two chunks, without a copy; downloads in three chunks, the last one shorter."""
     scripted = ScriptedServer([], {})
     try:
         driver = Driver(installed, scripted.endpoint)
@@ -240,7 +240,7 @@ WARNING = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_char_p)
 
 
 def test_a_server_that_is_gone_is_said_to_be_so_within_seconds(installed):
-    """Once for each outage, while the call goes on waiting; the same line goes to standard error by default."""
+    """Once for each outage, while the call waits; by default the same line goes to standard error."""
     scripted, lines = ScriptedServer([], {}), []
     driver = Driver(installed, scripted.endpoint).build()
     warning = WARNING(lambda _data, line: lines.append((time.monotonic(), line.decode())))

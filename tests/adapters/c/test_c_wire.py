@@ -1,4 +1,4 @@
-"""The decoder of the C client: the vectors, what is no reply, and hundreds of thousands of broken frames."""
+"""The decoder of the C client: the vectors, messages that are no reply, and hundreds of thousands of broken frames."""
 
 import json
 import subprocess
@@ -27,7 +27,7 @@ def wire_check(compiler, tools):
 
 
 def judged(program, messages):
-    """What the decoder says of each message, given as lists of hexadecimal frames."""
+    """The decoder's result for each message, given as lists of hexadecimal frames."""
     given = "\n".join(" ".join(frames) for frames in messages) + "\n"
     done = subprocess.run([program], input=given, capture_output=True, text=True, check=False, timeout=60)
     assert done.returncode == 0, done.stderr[-3000:]
@@ -52,7 +52,7 @@ def test_every_invalid_vector_is_refused(wire_check):
 
 
 def spoiled():
-    """Replies that break section 5 or 12 in one thing, with what that is."""
+    """Replies that violate section 5 or 12 in one point, with the name of that point."""
     for vector in replies():
         first, *rest = vector["frames"]
         header = msgpack.unpackb(bytes.fromhex(first))

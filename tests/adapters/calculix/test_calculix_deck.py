@@ -1,4 +1,6 @@
-"""What is read from a deck, and what a deck may not contain; the window's deck and ccx' columns. Needs no CalculiX."""
+"""Reading of a deck, and cards that a deck may not contain; the window's deck and the columns of ccx. Needs no
+CalculiX.
+"""
 
 import numpy as np
 import pytest

@@ -42,7 +42,7 @@ def flap(tmp_path):
 
 
 def tip_load(solid, force):
-    """A shear force on the tip, shared as a constant traction would be."""
+    """A shear force on the tip, distributed like a constant traction."""
     x = solid.points[:, 0]
     tip = np.flatnonzero(solid.points[:, 1] > HEIGHT - 1e-9)
     order = tip[np.argsort(x[tip])]
@@ -60,7 +60,7 @@ def tip(solid, values):
 
 
 def play(solid, loads, dt):
-    """Windows with these tip loads; the displacements of each."""
+    """Run windows with these tip loads; return the displacements of each."""
     history = []
     for load in loads:
         history.append(solid.solve(tip_load(solid, load), dt))
@@ -128,7 +128,7 @@ def test_repeated_window_is_the_same_in_every_byte(flap, tmp_path):
 
 
 def test_windows_from_restarts_equal_one_uninterrupted_run(flap, tmp_path):
-    """In every digit that ccx prints, at large deflections."""
+    """Equal in every digit that ccx prints, at large deflections."""
     text = flap_deck((1, 4))
     solid = flap(text=text)
     loads, dt = [200.0, 900.0, 1500.0, 400.0], 0.1
@@ -160,7 +160,7 @@ def test_far_bent_flap_keeps_its_length(flap):
 
 
 def test_tolerance_is_that_of_the_window(flap):
-    """The default leaves no noise for a coupling to see; a sloppy one would."""
+    """The default tolerance leaves no noise that a coupling would see; a looser one would."""
     ends = {}
     for tolerance in (0.5, Options().tolerance, 1e-10):
         solid = flap(folder=f"run-{tolerance}", tolerance=tolerance)

@@ -49,7 +49,7 @@ class AddedMass:
 
     def start(self, done, windows, dt):
         self.window, self.last, self.iteration, self.waits = done + 1, windows, 0, False
-        # as OpenFOAM, it goes on behind any window that it has written
+        # like OpenFOAM it continues after any window that it has written
         self.position, self.velocity = self.kept.setdefault("fluid", {0: (0 * self.points, 0 * self.points)})[done]
         self.x = self.position
 

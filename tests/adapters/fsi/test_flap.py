@@ -1,6 +1,6 @@
 """The perpendicular flap's first windows, with OpenFOAM and CalculiX: both mesh motions, a killed run, clear errors.
 
-What examples/perpendicular_flap/README.md, adapters/fsi/README.md and docs/tutorials/openfoam_flap.md show.
+The commands of examples/perpendicular_flap/README.md, adapters/fsi/README.md and docs/tutorials/openfoam_flap.md.
 """
 
 import importlib.util
@@ -51,7 +51,7 @@ def undisturbed(flap, tmp_path_factory):
 
 
 def test_a_library_without_its_sources_is_taken_as_it_is(tmp_path):
-    """As in the image for OpenFOAM, which has no compiler."""
+    """Like the image for OpenFOAM, which has no compiler."""
     with pytest.raises(OSError, match="Allwmake"):
         build_library(tmp_path)
     (tmp_path / "build").mkdir()
@@ -79,7 +79,7 @@ def test_what_the_server_stored_can_be_looked_at(undisturbed):
 
 @pytest.mark.nightly
 def test_openfoams_own_mesh_motion_gives_the_same_tip(flap, undisturbed, tmp_path):
-    """While the flap moves little, the mesh behind it does not matter."""
+    """While the flap moves little, the motion of the mesh has no influence."""
     rows = play(flap, tmp_path, "--windows", "5", "--motion", "laplacian")
     np.testing.assert_allclose([row.x for row in rows], [row.x for row in undisturbed[1]], rtol=0.02)
     shutil.rmtree(tmp_path / "fluid" / "0.05")

@@ -1,4 +1,4 @@
-"""The proof's period, amplitude and verdict, on histories that are known."""
+"""The proof's period, amplitude and verdict, on known histories."""
 
 import importlib
 import sys

@@ -100,7 +100,7 @@ def test_in_kratos_the_flag_has_the_mesh_around_it(scripts, tmp_path):
 
 @pytest.mark.nightly
 def test_in_kratos_a_run_goes_on_where_it_stopped(scripts, tmp_path):
-    """26 steps on a coarse mesh, in one run and in two: the same, but for the tolerance of the coupling."""
+    """26 steps on a coarse mesh, in one run and in two: equal within the tolerance of the coupling."""
     kratos = scripts["kratos"]
     if missing_kratos():
         pytest.skip("Kratos is not installed (adapters/kratos/README.md; KRATOS_PYTHON names its interpreter)")
@@ -121,7 +121,7 @@ def test_in_kratos_a_run_goes_on_where_it_stopped(scripts, tmp_path):
 
 
 def known(scripts, *, amplitude=34.38, hertz=5.3):
-    """A run of FSI3 with the published figures, or others of uy."""
+    """A run of FSI3 with the published figures, or with other values of uy."""
     t = 0.002 * np.arange(1, 3001)
     grown = np.minimum(1.0, t / 3.0)
     published = scripts["proof"].PUBLISHED["fsi3"] | {"uy": (1.48, amplitude, hertz)}

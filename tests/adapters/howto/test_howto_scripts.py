@@ -1,8 +1,9 @@
-"""The scripts for finite-element codes do what their pages say, where the codes are installed.
+"""The scripts for finite-element codes do what their pages say, if the codes are installed.
 
-They are looked for in the Pythons that NGSOLVE_PYTHON and DOLFINX_PYTHON name, in this one, and in Debian's, whose own
-pyzmq and msgpack are then the client's. The pages: examples/ngsolve_flap/README.md, examples/dolfinx_channel/README.md,
-examples/su2_airfoil/README.md, examples/stokes_drag/README.md, examples/aerofoil_ffd/README.md.
+The codes are searched in the Pythons that NGSOLVE_PYTHON and DOLFINX_PYTHON name, in this Python, and in Debian's,
+whose own pyzmq and msgpack the client then uses. The pages: examples/ngsolve_flap/README.md,
+examples/dolfinx_channel/README.md, examples/su2_airfoil/README.md, examples/stokes_drag/README.md,
+examples/aerofoil_ffd/README.md.
 """
 
 import functools
@@ -52,7 +53,7 @@ def numbers(lines: list[str], name: str) -> np.ndarray:
 
 
 def test_ngsolve_solves_on_the_moved_mesh(run):
-    """The area is the channel's less the bent flap's, which the finite elements see through the deformation only."""
+    """The area is that of the channel minus the bent flap; the finite elements see it only through the deformation."""
     lines = run("ngsolve_flap/moving_flap.py", "--steps", 3, modules=("ngsolve",))
     deflection = 0.3 * np.arange(1, 4) / 3
     foot, top = 0.1, 0.6  # the flap's sides are bent alike, its top is a straight line between their ends
@@ -65,7 +66,7 @@ def test_ngsolve_solves_on_the_moved_mesh(run):
 
 
 def test_dolfinx_solves_on_the_moved_mesh(run):
-    """Linear functions are solved exactly on every mesh, and the area is the channel's less the bump's."""
+    """Linear functions are solved exactly on every mesh, and the area is that of the channel minus the bump."""
     lines = run("dolfinx_channel/moving_wall.py", "--steps", 4, modules=("dolfinx",))
     nodes = np.linspace(0.0, 4.0, 41)
     bump = np.sin(np.pi * nodes / 4.0) ** 2
@@ -104,7 +105,7 @@ def test_the_body_of_least_drag_is_found(run):
 
 
 def test_the_parameters_of_an_aerofoil_are_found_from_its_grid(run, tmp_path):
-    """By Gauss and Newton, which is this fast with exact derivatives only."""
+    """By Gauss–Newton, which converges this fast only with exact derivatives."""
     picture = tmp_path / "grid.png"
     lines = run("aerofoil_ffd/morph_aerofoil.py", "--picture", picture, modules=("scipy", "matplotlib"))
     assert numbers([lines[1].replace(",", "")], "differences")[0] < 1e-6

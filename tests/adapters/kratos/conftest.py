@@ -1,4 +1,4 @@
-"""A server, a plate of triangles, a stand-in for the model part, and jobs played by Kratos' Python."""
+"""A server, a plate of triangles, a stand-in for the model part, and jobs for Kratos' Python."""
 
 import json
 import os
@@ -19,7 +19,7 @@ PATIENCE = 240.0
 
 @pytest.fixture(scope="session")
 def run_in_kratos():
-    """Runs a script in Kratos' Python, in a folder; skips where there is no Kratos, or not what the client needs."""
+    """Runs a script in Kratos' Python, in a folder; skips without Kratos or the client's packages."""
     imports = "import zmq, msgpack, numpy, KratosMultiphysics.MeshMovingApplication"
     try:
         done = subprocess.run([kratos_python(), "-c", imports], capture_output=True, timeout=PATIENCE, check=False)
@@ -59,7 +59,7 @@ class Plate:
         return np.flatnonzero(self.points[:, axis] == value)
 
     def turned(self, angle, centre=0.5):
-        """Displacements of all nodes that turn about a point of the diagonal."""
+        """Displacements of all nodes for a rotation about a point of the diagonal."""
         turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
         return (self.points - centre) @ turn.T + centre - self.points
 
@@ -76,7 +76,7 @@ def plate():
 
 @dataclass
 class Job:
-    """A folder with what Kratos' Python is to play."""
+    """A folder with a job for Kratos' Python."""
 
     runner: Callable[..., subprocess.CompletedProcess[str]]
     endpoint: str
@@ -112,7 +112,7 @@ def job(run_in_kratos, mesh_motion_server, plate, tmp_path):
 
 
 class StandInPart:
-    """The plate as the participant asks for it, in arrays instead of a Kratos model part."""
+    """The plate in the form that the participant needs, with arrays instead of a Kratos model part."""
 
     def __init__(self, plate):
         self._initial = plate.points.copy()

@@ -1,4 +1,4 @@
-"""Runs in Kratos' Python: plays the jobs of folders with a mesh solver and leaves what came of each in its folder.
+"""Runs in Kratos' Python: plays the jobs of folders with a mesh solver and writes each result into its folder.
 
 ``job.json`` has the solver's settings and the steps, each a list of iterations: displacements by sub model part.
 ``mesh.npz`` has points, cells (``cells_triangle`` …) and the nodes of each part (``part_wall`` …), numbered from 0.
@@ -64,7 +64,7 @@ class Player:
         return {"input_filename": "mesh", "input_output_path": str(self.folder / "restart")}
 
     def fill(self) -> None:
-        """Numbers with gaps and not in order, as meshes of real life have."""
+        """Numbers with gaps and out of order, as in real meshes."""
         numbers = self.numbers = self.mesh.get("numbers", 1 + np.arange(len(self.mesh["points"]))).tolist()
         for number, x in zip(numbers, self.mesh["points"].tolist(), strict=True):
             self.part.CreateNewNode(number, *x, *[0.0] * (3 - self.dimension))

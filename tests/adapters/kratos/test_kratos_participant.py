@@ -39,7 +39,7 @@ def bent(plate, amount):
 
 
 def client_answers(endpoint, plate, motions, method):
-    """What the Python client gets for the same motions, each committed."""
+    """Results of the Python client for the same motions, each committed."""
     mesh = Mesh(plate.points, {"triangle": plate.triangles}, {"edge": Patch("moving", plate.boundary)})
     with connect(endpoint) as server, server.open(mesh, method) as session:
         answers = []
@@ -98,7 +98,7 @@ def test_restart_goes_on_as_if_it_had_not_been(begin, stand_in, plate, tmp_path)
 
 
 class OpensAnew(Exception):
-    """Instead of a new session, where the test is only about the way there."""
+    """Replaces a new session in tests of the steps before it."""
 
 
 def test_a_restart_that_cannot_go_on_says_why_and_begins_a_new_session(begin, stand_in, plate, tmp_path, monkeypatch):
@@ -133,7 +133,7 @@ def test_a_restart_that_cannot_go_on_says_why_and_begins_a_new_session(begin, st
 
 
 def test_displacements_count_from_the_initial_mesh_after_a_new_start(begin, stand_in, plate):
-    """A session that begins with a moved mesh: its reference is another than the part's."""
+    """A session that begins with a moved mesh: its reference differs from the part's."""
     stand_in.set_displacements(plate.turned(0.2))
     participant = begin(method={"basis": "tps"})
     push(stand_in, plate, plate.turned(0.35))
@@ -173,7 +173,7 @@ def test_refusal_names_kratos_elements_and_leaves_the_mesh(begin, stand_in, plat
 
 
 def test_roles(stand_in, plate):
-    """Prescribed nodes move; a sliding part may be prescribed in part; a fixed one stays."""
+    """Prescribed nodes move; a sliding part may have some prescribed nodes; a fixed part stays."""
     inner = np.setdiff1d(plate.at(1, 1.0), plate.at(0, 0.0))
     stand_in.fixed[inner, 0] = False
     with pytest.raises(PartError, match=f"node {stand_in.node_ids[inner[0]]} has some components"):

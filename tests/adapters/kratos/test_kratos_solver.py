@@ -33,7 +33,7 @@ def test_rigid_rotation_and_velocity(job, plate):
 
 
 def test_answers_are_the_clients_to_the_bit_and_iterations_leave_no_trace(job, plate):
-    """Also with nodes numbered with gaps; what is committed is each step's last iteration."""
+    """Also with gaps in the node numbers; each step commits its last iteration."""
     amounts = (0.1, 0.25, -0.1)
     job.mesh["numbers"] = 7 + 3 * np.arange(len(plate.points))
     steps = [[wall(plate, bent(plate, value)) for value in (3.0 * amount, -amount, amount)] for amount in amounts]
@@ -47,7 +47,7 @@ def test_answers_are_the_clients_to_the_bit_and_iterations_leave_no_trace(job, p
 
 
 def test_restart_equals_an_uninterrupted_run(job, plate):
-    """From Kratos' own restart file, with the session of a run that did not come to its end taken up again."""
+    """Restart from Kratos' own file; the session of an unfinished run is resumed."""
     amounts = (0.1, 0.25, 0.05)
     steps = [[wall(plate, bent(plate, 2.0 * amount)), wall(plate, bent(plate, amount))] for amount in amounts]
     whole = job.play(steps)
@@ -88,7 +88,7 @@ def test_a_space_of_several_elements(job):
 
 
 def test_only_the_solver_type_changes(job, plate):
-    """The same job by Kratos' own solver, its settings left in the case; both meet the edge exactly."""
+    """The same job with Kratos' own solver, its settings kept in the case; both move the edge exactly."""
     steps = [[wall(plate, bent(plate, 0.1))]]
     own = {"solver_type": "structural_similarity", "poisson_ratio": 0.3}
     ours = job.play(steps, solver={"poisson_ratio": 0.3, "reform_dofs_each_step": False})
@@ -101,7 +101,7 @@ def test_only_the_solver_type_changes(job, plate):
 
 
 def test_errors_say_what_is_wrong(job, plate):
-    """Each in a job of its own, played one after the other."""
+    """Each in a separate job, one after the other."""
     steps = [[wall(plate, bent(plate, 0.1))]] * 2
     folded = np.zeros_like(plate.points)
     folded[plate.at(0, 1.0)] = [-1.5, 0.0]

@@ -1,4 +1,4 @@
-"""The Mok benchmark: a short and coarse one in Kratos, and that its verdict sees what it is to see."""
+"""The Mok benchmark: a short and coarse run in Kratos, and its verdict on seeded histories."""
 
 import json
 import os
@@ -20,7 +20,7 @@ def channel():
 
 
 def moved(channel, amplitude=0.08, *, push=0.0):
-    """A made-up history of four steps: the mesh stays but for one interior node."""
+    """An artificial history of four steps: the mesh stays, except for one interior node."""
     times = np.arange(1, 5) / 10.0
     displacements = np.zeros((4, 2, 2))
     displacements[:, 0, 0] = amplitude * np.sin(times)

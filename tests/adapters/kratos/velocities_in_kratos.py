@@ -1,4 +1,4 @@
-"""What Kratos' own function makes of displacements: ``velocities_in_kratos.py IN.json OUT.json``.
+"""Velocities that Kratos' own function computes from displacements: ``velocities_in_kratos.py IN.json OUT.json``.
 
 The input has ``scheme``, ``times`` (s + 1) and ``displacements`` (s + 1, n, 3), the output the velocities (s, n, 3).
 """

@@ -18,7 +18,7 @@ PATIENCE = 240.0
 
 @pytest.fixture(scope="session")
 def foam_environment():
-    """What OpenFOAM's programs need in the environment; builds the library first."""
+    """Environment of OpenFOAM's programs; builds the library first."""
     if shutil.which("moveDynamicMesh") is None:
         pytest.skip("OpenFOAM is not installed (Debian: openfoam)")
     built = subprocess.run(["./Allwmake"], cwd=ADAPTER, capture_output=True, text=True, check=False)
@@ -51,7 +51,7 @@ class Case:
     output: str = field(default="")
 
     def set(self, name, **values):
-        """Entries of one dictionary, which it has already."""
+        """Existing entries of one dictionary."""
         path = self.folder / name
         text = path.read_text()
         for key, value in values.items():
@@ -80,7 +80,7 @@ class Case:
         return subprocess.Popen(command, cwd=self.folder, env=self.environment, stdout=log, stderr=log)
 
     def check_ranks(self, time, expected, ranks=2, atol=1e-10):
-        """The points that the ranks have written are those of the mesh as a whole."""
+        """Check that the points written by the ranks are those of the whole mesh."""
         met = np.zeros(len(expected), dtype=int)
         for rank in range(ranks):
             address = self.numbers(f"processor{rank}/constant/polyMesh/pointProcAddressing", 1)[:, 0].astype(int)
@@ -91,7 +91,7 @@ class Case:
         assert met.max() == 2
 
     def numbers(self, name, columns):
-        """The list in an ASCII file, one row an item."""
+        """The list in an ASCII file, one row per item."""
         body = re.search(r"\n\s*(\d+)\s*\n\((.*?)\n\)", (self.folder / name).read_text(), re.DOTALL)
         values = np.array(re.sub(r"[()]", " ", body[2]).split(), dtype=float).reshape(-1, columns)
         assert len(values) == int(body[1])
@@ -121,7 +121,7 @@ def meshed_case(tmp_path_factory, foam_environment):
 
 @pytest.fixture
 def make_case(meshed_case, mesh_motion_server, tmp_path):
-    """Copies of the meshed case, which ask the server of the tests."""
+    """Copies of the meshed case, which use the server of the tests."""
 
     def make(name="case", endpoint=None, steps=4):
         folder = tmp_path / name

@@ -1,4 +1,4 @@
-// What OpenFOAM makes of a step: swept_faces FILE, in a case whose mesh goes to the points in the file "moved".
+// OpenFOAM's values for a step: swept_faces FILE, in a case whose mesh goes to the points in the file "moved".
 // Written are the points before, and of each face its nodes and its swept volume: meshPhi times the time step.
 #include "IFstream.H"
 #include "OFstream.H"

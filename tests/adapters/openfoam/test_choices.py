@@ -1,4 +1,4 @@
-"""Roles that a patch's type brings, polygons in the plane, and the choices that do not belong to the method."""
+"""Roles that follow from a patch's type, polygons in 2D, and choices apart from the method."""
 
 import re
 
@@ -12,7 +12,7 @@ HEADER = "FoamFile {{ version 2.0; format ascii; class dictionary; object {}; }}
 
 
 def change(case, name, *changes):
-    """Replace words of a file of the case, each of which is there."""
+    """Replace words of a file of the case; each word must be there."""
     path = case.folder / name
     text = path.read_text()
     for was, becomes in changes:
@@ -97,7 +97,7 @@ def test_two_moving_patches_agree_where_they_meet(make_case, gap, words):
 
 @pytest.mark.parametrize("elsewhere", ["0", "1e-9"])
 def test_a_fixed_patch_may_have_what_a_moving_one_gives_their_common_points(make_case, elsewhere):
-    """A coupling's checkpoint copies it there; any other point of a fixed patch must stay."""
+    """A coupling's checkpoint copies the point there; any other point of a fixed patch must stay."""
     case = make_case(steps=2)
     no_flow(case)
     case.run("blockMesh")

@@ -1,4 +1,6 @@
-"""A coupling that sets the time back: iterations, sub-steps, restarts and refusals, by a script in place of preCICE."""
+"""A coupling that sets the time back: iterations, sub-steps, restarts and refusals, with a script instead of
+preCICE.
+"""
 
 import re
 import subprocess
@@ -29,7 +31,7 @@ def scripted(tmp_path_factory, foam_environment):
 
 @pytest.fixture
 def coupled(make_case, scripted):
-    """Cases that follow a script, 0.05 s a time step."""
+    """Cases that follow a script, with time steps of 0.05 s."""
 
     def make(name, iterations="1.5 1", sub_steps=1, windows=4, further="", method="", restart=False):
         case = make_case(name)
@@ -58,7 +60,7 @@ def steps(output):
 
 
 def committed(case, time):
-    """The step that a restart from that time goes on behind."""
+    """The step after which a restart from that time continues."""
     return int(re.search(r"step\s+(\d+);", (case.folder / time / "uniform/remoteMeshMotion/state").read_text())[1])
 
 

@@ -1,4 +1,4 @@
-"""The sources against the headers of releases that are not installed: none can be had without a network."""
+"""The sources compiled with the headers of releases that are not installed: they need a network."""
 
 import os
 import re

@@ -41,7 +41,7 @@ def make(make_case):
 
 
 def qualities(output):
-    """What is reported of each move, without the seconds of a server."""
+    """The report of each move, without the server's seconds."""
     return [line.partition(" enrichment")[0] for line in output.splitlines() if "least quality" in line]
 
 

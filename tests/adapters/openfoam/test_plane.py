@@ -1,4 +1,4 @@
-"""The tutorial case, a 2D mesh: the Python client's answer, ranks, restarts, faults.
+"""The tutorial case, a 2D mesh: the Python client's result, ranks, restarts, faults.
 
 The case that adapters/openfoam/README.md begins with.
 """
@@ -25,7 +25,7 @@ STEP, AMPLITUDE, ORIGIN = 0.05, 0.7, np.array([0.85, 0.5])
 
 
 def plane_of(case):
-    """The plane in front as a mesh for the Python client; its points, and those behind them."""
+    """The front plane as a mesh for the Python client; its points, and those of the back plane."""
     points, faces = case.numbers("constant/polyMesh/points", 3), case.faces()
     front, back = np.flatnonzero(points[:, 2] > 0.05), np.flatnonzero(points[:, 2] < 0.05)
     behind = back[cKDTree(points[back, :2]).query(points[front, :2])[1]]
@@ -40,7 +40,7 @@ def plane_of(case):
 
 
 def turned(points, moment):
-    """Where the boundary condition takes points of the plate."""
+    """Positions that the boundary condition gives to points of the plate."""
     angle = AMPLITUDE * np.sin(2 * np.pi * moment)
     matrix = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
     return (points - ORIGIN) @ matrix.T + ORIGIN - points
@@ -81,7 +81,7 @@ def test_two_ranks_move_the_mesh_as_one(make_case):
 
 
 def test_a_quadrilateral_with_a_concave_corner_is_judged_in_triangles(make_case):
-    """As snappyHexMesh leaves some: a point goes past a diagonal of a neighbouring face."""
+    """Like some faces of snappyHexMesh: a point crosses a diagonal of a neighbouring face."""
     serial, parallel = make_case("serial", steps=2), make_case("parallel", steps=2)
     for case in (serial, parallel):
         points, faces = case.numbers("constant/polyMesh/points", 3), case.faces()
@@ -136,7 +136,7 @@ def test_a_restart_goes_on_as_if_it_had_not_been(make_case, kept, ranks):
     if ranks == 2:
         parts.check_ranks("0.2", whole.points("0.2"))
     else:
-        # a session that is kept is the same to the bit, OpenFOAM's time and boundary condition are to rounding
+        # a kept session is the same to the bit, OpenFOAM's time and boundary condition only to rounding
         allowed = 1e-14 if kept else 1e-12
         np.testing.assert_allclose(parts.points("0.2"), whole.points("0.2"), rtol=0, atol=allowed)
 
@@ -152,7 +152,7 @@ def test_a_restart_from_an_earlier_time_begins_a_new_session(make_case):
     case.run("checkMesh", "-latestTime")
     assert "Mesh OK." in case.output
     (case.folder / "0.2/uniform/remoteMeshMotion/credentials").unlink()
-    assert "its credentials are deleted" in case.run("moveDynamicMesh")
+    assert "its credentials were deleted" in case.run("moveDynamicMesh")
 
 
 @pytest.mark.parametrize(

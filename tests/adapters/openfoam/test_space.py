@@ -63,7 +63,7 @@ def make_space_case(make_case):
 
 
 def refine(case):
-    """Divide the hexahedra about a corner of the plate in eight: their neighbours are polyhedra then."""
+    """Divide the hexahedra around a corner of the plate into eight: their neighbours are then polyhedra."""
     action = "{ name some; type cellSet; action new; source boxToCell; box (0.5 0.2 -1) (0.9 0.6 0.15); }"
     plan = HEADER.format("dictionary", "topoSetDict") + f"actions ({action});\n"
     (case.folder / "system/topoSetDict").write_text(plan)
@@ -72,7 +72,9 @@ def refine(case):
 
 
 def check_moved(case, time):
-    """The plate is where it is to be, the sliding sides are on their planes, and OpenFOAM likes the mesh."""
+    """The plate is at its prescribed position, the sliding sides are on their planes, and checkMesh accepts the
+    mesh.
+    """
     start, moved = case.numbers("constant/polyMesh/points", 3), case.points(time)
     faces = case.faces()
     angle = 0.3 * np.sin(2 * np.pi * float(time))
@@ -118,7 +120,7 @@ def test_a_refined_mesh_has_long_faces_on_one_rank_and_on_two(make_space_case):
 
 
 def displace_a_point(case, height):
-    """Put a point of a refined mesh at another height: its cells are bent."""
+    """Move a point of a refined mesh to another height: its cells are bent."""
     refine(case)
     start = case.numbers("constant/polyMesh/points", 3)
     (point,) = np.flatnonzero(np.linalg.norm(start - [0.55, 0.315, 0.1], axis=1) < 1e-9)

@@ -1,7 +1,7 @@
 """Swept volumes against OpenFOAM's ``meshPhi``, face by face.
 
-OpenFOAM cuts a face about its centre, here it is cut about the mean of its corners: the same where a face is plane
-before and after the step, and a triangle always is.
+OpenFOAM divides a face around its centre, this code around the mean of its corners: the two are equal if a face is
+plane before and after the step, and a triangle always is.
 """
 
 import subprocess
@@ -30,7 +30,7 @@ def program(tmp_path_factory, foam_environment):
 
 
 def moved_by_openfoam(case, program, motion):
-    """Points before and after, the faces filled up with -1, and what each sweeps."""
+    """Points before and after, the faces padded with -1, and their swept volumes."""
     case.run("blockMesh")
     rows = (case.folder / "constant/polyMesh/points").read_text().split("\n(\n")[1].split("\n)")[0].splitlines()
     points = np.array([[float(x) for x in row.strip("()").split()] for row in rows])
@@ -59,7 +59,7 @@ def test_plane_faces_sweep_what_openfoam_says(tmp_path, program):
 
 @pytest.mark.nightly
 def test_triangles_sweep_what_openfoam_says(tmp_path, program):
-    """Quads whose corners leave a plane do not: both are right for their own cells."""
+    """Quads with corners outside a plane differ: both values are right for their own cells."""
     numbers = np.random.default_rng(6)
     case = FoamCase.new(tmp_path / "prisms", PRISMS)
     before, after, faces, theirs = moved_by_openfoam(

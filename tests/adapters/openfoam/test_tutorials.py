@@ -29,7 +29,9 @@ def test_without_tutorials_it_says_what_to_install(tutorials, tmp_path, monkeypa
 
 
 def test_only_the_field_that_the_plugin_reads_is_kept(tutorials, tmp_path):
-    """Others may have a condition with code, which decomposePar would compile: without wmake, and not as root."""
+    """Other cases may have a condition with code, which decomposePar would compile; that fails without wmake, and as
+    root.
+    """
     mesh = tmp_path / "mesh"
     for name in ("pointDisplacement", "pointDisplacementy", "cellDisplacement"):
         (mesh / "0.orig").mkdir(parents=True, exist_ok=True)

@@ -1,4 +1,4 @@
-"""A cellZone alone is moved, as dynamicMultiMotionSolverFvMesh has a motion solver for each zone."""
+"""Only a cellZone is moved, because dynamicMultiMotionSolverFvMesh has a motion solver for each zone."""
 
 import shutil
 

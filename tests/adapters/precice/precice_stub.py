@@ -1,4 +1,4 @@
-"""A stand-in for preCICE 3 that plays the other participants from a script and refuses what preCICE refuses.
+"""A stand-in for preCICE 3 that plays the other participants from a script and makes the same refusals as preCICE.
 
 The script is the configuration file, in JSON::
 
@@ -7,11 +7,11 @@ The script is the configuration file, in JSON::
      "dimensions": 2, "window": 0.1, "iterations": [1, 3, 2], "explicit": false, "initial_data": false,
      "motion": [[a, b], [c, d]]}
 
-Window w is computed ``iterations[w]`` times. The displacement that is read at a point is ``motion @ point`` times a
-function of time, off by a half, a quarter, … in all iterations of a window but its last; within a window it is linear
-in time, as preCICE's waveforms of first order are. ``begin``: windows that passed before a restart.
-``wait_in_finalize``: a participant that finalizes early, its destructor included, waits for the others for ever.
-``interrupt``: Ctrl-C comes in that step. What preCICE checks with an error is an error here too, in its words.
+Window w is computed ``iterations[w]`` times. The displacement at a point is ``motion @ point`` times a function of
+time; in all iterations of a window except the last it is wrong by a half, a quarter, … Within a window it is linear in
+time, like preCICE's waveforms of first order. ``begin``: number of windows before a restart. ``wait_in_finalize``: a
+participant that finalizes early, its destructor included, waits for the others for ever. ``interrupt``: Ctrl-C comes in
+that step. Errors of preCICE's checks are errors here too, with the same text.
 """
 
 import json
@@ -26,7 +26,7 @@ _TIGHT = 1e-14
 
 
 class PreciceError(RuntimeError):
-    """What preCICE ends a program with."""
+    """The error with which preCICE ends a program."""
 
 
 def check(condition, words):
@@ -35,7 +35,7 @@ def check(condition, words):
 
 
 def amplitude(time):
-    """How far the other participant has moved at that time, as a share of the script's motion."""
+    """Position of the other participant at that time, as a share of the script's motion."""
     return 1.0 - np.cos(2.0 * time)
 
 

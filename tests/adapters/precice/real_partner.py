@@ -1,4 +1,4 @@
-"""The other participant of a script (precice_stub.py), in a process of its own, through the real preCICE."""
+"""The other participant of a script (precice_stub.py), in a separate process with the real preCICE."""
 
 import json
 import sys
@@ -49,7 +49,7 @@ CONFIG = """<?xml version="1.0" encoding="UTF-8" ?>
 
 
 def config(script):
-    """preCICE's configuration for a script whose windows all take as many iterations."""
+    """preCICE's configuration for a script with the same number of iterations in all windows."""
     count = script["iterations"][0]
     limits = f'<min-iterations value="{count}" /><max-iterations value="{count}" />'
     return CONFIG.format(
@@ -63,7 +63,7 @@ def config(script):
 
 
 def main(folder):
-    """Play the script; what is read at the end of each window goes to read.npz."""
+    """Play the script; write the data read at the end of each window to read.npz."""
     with open(f"{folder}/partner.json", encoding="utf-8") as file:
         values = json.load(file)
     script, points, wet = Script(values), np.array(values["points"]), np.array(values["wet"])

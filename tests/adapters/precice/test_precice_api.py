@@ -1,4 +1,4 @@
-"""The stub is as published, so is what the participant uses; real bindings are compared where they are installed."""
+"""The stub and the participant's calls agree with the published API; installed real bindings are compared too."""
 
 import importlib.util
 import inspect

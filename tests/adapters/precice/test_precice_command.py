@@ -1,4 +1,4 @@
-"""The program with a server: runs to its end, goes on after a kill, says what is wrong in one line.
+"""The program with a server: it runs to its end, continues after a kill, and reports an error in one line.
 
 With preCICE's stub, what adapters/precice/README.md begins with.
 """
@@ -62,7 +62,7 @@ def test_what_is_wrong_is_one_line(case, program, tmp_path):
 
 
 def test_a_refusal_ends_while_the_others_wait(case, program):
-    """preCICE's destructor would finalize, and wait for participants that wait for this one."""
+    """preCICE's destructor would finalize, and wait for participants that themselves wait for this one."""
     case()
     done = program(window=3.0, motion=[[5.0, 0.0], [0.0, 5.0]], iterations=(1, 1), wait_in_finalize=True)
     assert done.returncode == 1

@@ -1,4 +1,4 @@
-"""The participant's file: what it may say, and the line that names the first offender."""
+"""The participant's file: its allowed content, and the line that names the first fault."""
 
 import json
 
@@ -109,7 +109,7 @@ def test_the_adapter_configuration_of_precice_s_guidelines_says_the_same(adapter
         (('"case"', '"file"'), "unknown key 'file' in mesh-motion"),
         (('"case.toml"', '"none.toml"'), "none.toml cannot be read"),
         (('"Volume"', "7"), "write.mesh: expected a name, got 7"),
-        (('["lower"]', "3"), "a value has not the type"),
+        (('["lower"]', "3"), "a value has another type"),
         (("{", "["), "not a JSON file"),
     ],
 )
@@ -119,13 +119,13 @@ def test_the_first_offender_of_the_adapter_configuration_is_named(change, words,
 
 
 def test_nothing_is_said_in_both_files(adapter_config):
-    with pytest.raises(InvalidInput, match=r"\[write\] stands in .*case.toml, and in this file as well"):
+    with pytest.raises(InvalidInput, match=r"\[write\] is in .*case.toml and also in this file"):
         read_configuration(adapter_config(more='[write]\nmesh = "Volume"\n'))
 
 
 @pytest.mark.parametrize("dimension", [1, 2, 3])
 def test_nodes_are_found_at_their_places(dimension):
-    """Off by less than a thousandth of the distance to the next node, and by more."""
+    """Displaced by less than a thousandth of the distance to the next node, and by more."""
     random = np.random.default_rng(dimension)
     points = np.unique(np.round(random.random((3000, dimension)), 4), axis=0) * 40.0 + 1e3
     order = random.permutation(len(points))
@@ -138,7 +138,7 @@ def test_nodes_are_found_at_their_places(dimension):
 
 
 def test_a_far_field_of_500_chords_has_cells_of_a_millionth():
-    """Coordinates with 12 digits: what is lost at the far field is much, what is lost at the wall is little."""
+    """Coordinates with 12 digits: the loss is large at the far field and small at the wall."""
     layers = 1e-6 * 1.2 ** np.arange(112)
     radius = 0.5 + np.concatenate([[0.0], np.cumsum(layers)])
     assert radius[-1] > 500.0
@@ -156,7 +156,7 @@ def test_nodes_at_one_place_are_refused():
 
 
 def cell(kind):
-    """Corners of a cell of the type, the unit cube's."""
+    """Corners of a cell of this type, from the unit cube."""
     x, y, z, o = np.eye(3)[0], np.eye(3)[1], np.eye(3)[2], np.zeros(3)
     return {
         "tetra": [o, x, y, z],

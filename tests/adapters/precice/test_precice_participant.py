@@ -1,7 +1,7 @@
-"""Explicit and implicit coupling, steps within windows, restarts: what is written is what the Python client gives.
+"""Explicit and implicit coupling, steps within windows, restarts: the written data equals the Python client's results.
 
-The reference is a session of its own, moved and committed once a window with what the other participants had converged
-to; nothing of the repeated windows may be seen in it.
+The reference is a separate session, moved and committed once per window with the converged data of the other
+participants; repeated windows must have no effect on it.
 """
 
 from types import SimpleNamespace
@@ -18,7 +18,7 @@ VOLUME = ("Volume", "NodeDisplacement")
 
 @pytest.fixture
 def play(server, case, stub):
-    """Couples with the stub; the windows, the stub, and the session's committed points."""
+    """Couple with the stub; return the windows, the stub, and the session's committed points."""
 
     def run(*arguments, file=None, credentials=None, restart=False, **more):
         configuration = read_configuration(file or case())
@@ -38,7 +38,7 @@ def play(server, case, stub):
 
 @pytest.fixture
 def direct(server, square, script):
-    """What the client gives for the converged displacements at these fractions of each window, window by window."""
+    """The client's results for the converged displacements at these fractions of each window."""
 
     def run(iterations, frame="reference", fractions=(1.0,), displacement="absolute", **more):
         partner = Script(script(iterations, **more))
@@ -58,7 +58,7 @@ def direct(server, square, script):
 
 
 def converged(precice):
-    """What was written in the last iteration of each window, step by step."""
+    """Data written in the last iteration of each window, step by step."""
     last = precice.script.iterations
     return [written[VOLUME] for window, iteration, _, written in precice.history if iteration == last[window]]
 
@@ -224,7 +224,7 @@ def test_the_velocity_is_the_displacement_of_the_step_over_its_time(case, play, 
 
 @pytest.fixture
 def participant(case, stub, square):
-    """A participant, and a session that is never asked."""
+    """A participant, and a session without requests."""
 
     def make(file=None, moving=None, **more):
         moving = np.union1d(square.patches["lower"].nodes, square.patches["upper"].nodes) if moving is None else moving

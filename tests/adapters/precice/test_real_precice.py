@@ -1,4 +1,4 @@
-"""Against preCICE itself, where it is installed: the scripts of the stub, and the tutorial."""
+"""Tests with the real preCICE, if it is installed: the scripts of the stub, and the tutorial."""
 
 import importlib.util
 import json
@@ -120,7 +120,7 @@ def test_the_tutorial_gives_the_monolithic_motion(server, tmp_path):
 
 
 def test_the_tutorial_s_files_fit():
-    """Without preCICE: meshes and data that MeshMotion names are those that its configuration gives it."""
+    """Without preCICE: the configuration gives MeshMotion exactly the meshes and data that it names."""
     ours = read_configuration(TUTORIAL / "precice-adapter-config.json")
     text = ours.precice_config.read_text()
     root = ET.fromstring(text.replace("data:vector", "data-vector").replace("m2n:", "m2n-").replace("mapping:", "")

@@ -1,4 +1,4 @@
-"""How many windows preCICE's configuration asks for."""
+"""Number of windows in preCICE's configuration."""
 
 from pathlib import Path
 

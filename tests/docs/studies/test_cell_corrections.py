@@ -1,4 +1,4 @@
-"""Corrections by polar, singular value and QR stretches: what each keeps, and what it mends."""
+"""Corrections by polar, singular value and QR stretches: what each preserves, and what it repairs."""
 
 import numpy as np
 import pytest

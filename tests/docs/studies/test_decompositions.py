@@ -1,4 +1,4 @@
-"""Each decomposition gives B back, its rotations are rotations, and known deformations are recognised."""
+"""Each decomposition reproduces B, its rotations are rotations, and known deformations are recognised."""
 
 import numpy as np
 import pytest

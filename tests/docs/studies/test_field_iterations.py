@@ -30,7 +30,7 @@ def thesis(threshold: float) -> ExplicitSettings:
     ("name", "threshold", "fewest", "most"), [("x", 0.19, 7, 11), ("xy", 0.2, 12, 15), ("rotation", 0.27, 13, 16)]
 )
 def test_iterations_to_the_thesis_thresholds(name, threshold, fewest, most):
-    """The thesis needs 7, 14 and 13; the range is what 15 meshes need with relaxations of 1.3 to 2."""
+    """The thesis needs 7, 14 and 13 iterations; the range covers 15 meshes with relaxations of 1.3 to 2."""
     c = thesis_case(name)
     found = predicted_iterations(c, thesis(threshold), field_of(c))
     assert found.reached
@@ -64,7 +64,7 @@ def test_in_3d_a_motion_that_inverts_cells_becomes_valid(decomposition):
 @pytest.mark.parametrize("function", ["H1", "H2", "H3"])
 @pytest.mark.parametrize("name", ["dx -0.3", "3D box 0.25 + bend"])
 def test_a_term_changes_the_gradient_at_its_point_as_asked_but_for_the_boundary(name, function):
-    """∇H = c I there (5.17); what the boundary takes back is ∇ of the compensation."""
+    """∇H = c I there (5.17); the boundary subtracts ∇ of the compensation."""
     problem = body_case(name)
     d = problem.start.shape[1]
     centre, change = np.full(d, 0.25), np.random.default_rng(1).normal(size=(d, d))

@@ -1,4 +1,4 @@
-"""The judge of a run: what it measures of known motions, and that it sees a run that drifts."""
+"""The judge of a run: its measures for known motions, and its detection of a run that drifts."""
 
 from dataclasses import replace
 
@@ -22,7 +22,7 @@ def test_the_shape_sees_squeezed_and_inverted_cells(matrix: np.ndarray, shape: f
 
 
 def test_speed_and_jolt_are_those_of_the_worst_node() -> None:
-    """The boundary node goes on by 1, the other one stays and then jumps by 3."""
+    """The boundary node moves on by 1; the other node stays and then jumps by 3."""
     places = [np.array([[float(k), 0.0], [0.0, 3.0 * (k == 2)]]) for k in range(3)]
     walk = Walk(np.array([0]), places, 0.0)
     assert walk.speed == 3.0

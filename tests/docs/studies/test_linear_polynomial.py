@@ -1,4 +1,4 @@
-"""With the linear polynomial of (2.1) every basis reproduces a linear motion, whatever solves its matrix."""
+"""With the linear polynomial of (2.1) every basis reproduces a linear motion, with any solver of its matrix."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,6 @@
-"""Prediction over many steps: exact for affine steps, as accurate as over one, and the thesis' product in 1D."""
+"""Prediction over many steps: exact for affine steps, as accurate as over one step, and equal to the thesis' product in
+1D.
+"""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Sampled prediction misses nothing: exact minimum, true bounds, every cell type, through the real path too."""
+"""Sampled prediction misses nothing: exact minimum, true bounds, every cell type, also in a real motion."""
 
 import numpy as np
 import pytest

@@ -18,6 +18,6 @@ def test_the_same_motion_by_another_system_has_the_same_figures() -> None:
 
 
 def test_the_ends_of_the_flag_are_on_the_cylinder_too() -> None:
-    """Of the two faces there no patch would have all nodes."""
+    """Neither of the two faces there has all its nodes in one patch."""
     mesh = flag().mesh
     assert len(np.intersect1d(mesh.outer, mesh.bodies["flag"])) == 2

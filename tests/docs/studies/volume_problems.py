@@ -1,4 +1,4 @@
-"""A problem that every volume reduction is tested on."""
+"""A problem for the tests of every volume reduction."""
 
 import numpy as np
 from mesh_motion_numerics.interpolation import evaluation

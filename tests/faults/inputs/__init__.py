@@ -1,1 +1,1 @@
-"""Bad and extreme inputs as data: what is sent, what has to be answered."""
+"""Bad and extreme inputs as data: the requests and their expected answers."""

@@ -54,7 +54,7 @@ _INVERTED: Names = {**_CELL, "determinant": lambda d: d < 0}
 
 
 def _moved(where: Any, places: Any, names: Names) -> Spoil:
-    """These nodes, or coordinates of theirs, are elsewhere."""
+    """These nodes, or some of their coordinates, get other values."""
 
     def spoil(draft: Draft, rng: Rng) -> Names:
         draft.points[where] = places
@@ -133,7 +133,7 @@ def _without_patches(draft: Draft, rng: Rng) -> Names:
 
 
 def _patch(name: str, role: str, nodes: Any, names: Names) -> Spoil:
-    """One more patch; of a name that there is: other nodes for it."""
+    """One more patch; if the name exists, other nodes for that patch."""
 
     def spoil(draft: Draft, rng: Rng) -> Names:
         if any(part.name == name for part in draft.parts[0]):
@@ -231,7 +231,7 @@ def _index_there(draft: Draft, rng: Rng) -> Names:
 
 
 def _folded_there(draft: Draft, rng: Rng) -> Names:
-    """The corner that the first partition has not passes through its only cell."""
+    """The corner that is missing in the first partition passes through its only cell."""
     (corner,) = np.flatnonzero(draft.rows("global_ids", "", 1)[:, 0] == 24)
     draft.rows("nodes", "", 1)[corner] = 0.8
     (row,) = np.flatnonzero((draft.rows("cells", "triangle", 1) == corner).any(axis=1))
@@ -263,13 +263,13 @@ def _scaled(factor: float, draft: str) -> BadInput:
 
 
 def _offset(draft: Draft, rng: Rng) -> Names:
-    """So far away that neighbouring nodes become one."""
+    """Coordinates so large that neighbouring nodes become equal."""
     draft.points[:] += 1e17
     return {"cell": 0}
 
 
 def _grazing(draft: Draft, rng: Rng) -> Names:
-    """So far away that places are rounded to 1/8, two edges."""
+    """Coordinates so large that they are rounded to 1/8, the length of two edges."""
     draft.points[:] = 1e15 + 0.25 * draft.points
     return {"cell": 0}
 

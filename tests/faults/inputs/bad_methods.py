@@ -1,4 +1,4 @@
-"""BUILD where every setting is admissible, and the mesh too, but not both together."""
+"""BUILD with allowed settings and an allowed mesh that do not fit together."""
 
 from tests.faults.inputs.cases import spoilt, unfit
 from tests.faults.inputs.drafts import Draft

@@ -1,4 +1,4 @@
-"""MOVE of a session that stands at a committed step, with displacements that no mesh can follow."""
+"""MOVE of a session at a committed step, with displacements that no mesh can follow."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -47,7 +47,7 @@ def _nonfinite(value: float, dtype: type[Any] = np.float64) -> BadInput:
 
 
 def _rows(name: str, code: str, values: Any, *says: str) -> BadInput:
-    """Other rows than one of two floats for each of the five moving nodes."""
+    """Rows that are not one pair of floats for each of the five moving nodes."""
     names = {"partition": 0, "expected": [5, 2]} if np.ndim(values) == 2 else {"field": "displacement"}
     if np.asarray(values).dtype.kind == "i":
         names = {"field": "displacement"}
@@ -90,7 +90,7 @@ def _crossed(_: Draft) -> Any:
 
 
 def _disagreeing(draft: Draft, rng: Rng) -> Names:
-    """The second partition moves a node that both have a little further."""
+    """The second partition moves a shared node a little further."""
     row = int(rng.integers(len(draft.displacement[1].values)))
     draft.displacement[1].values[row, 1] += 1e-7
     return {"global_id": (5, 10, 15, 20)[row], "partitions": [0, 1]}

@@ -1,4 +1,4 @@
-"""OPEN with values that no session has: fields out of their range, settings out of theirs."""
+"""OPEN with invalid values: fields and settings outside their ranges."""
 
 import math
 from typing import Any
@@ -19,7 +19,7 @@ def _field(key: str, value: Any, code: str, *says: str) -> BadInput:
 
 
 def _setting(key: str, value: Any) -> BadInput:
-    """A setting with a bad value; what is no number at all is refused by the decoder."""
+    """A setting with a bad value; the decoder refuses values that are not numbers."""
     wild = isinstance(value, float) and not math.isfinite(value)
 
     def spoil(draft: Draft, rng: Rng) -> Names:

@@ -1,4 +1,4 @@
-"""UPLOAD of parts that belong to no mesh: each is sent behind the good parts, which stay as they are."""
+"""UPLOAD of invalid parts: each is sent after the good parts, which stay as they are."""
 
 from collections.abc import Callable
 from typing import Any
@@ -21,7 +21,7 @@ def _part(item: str, name: str, role: str, rows: Rows | np.ndarray[Any, Any], /,
 
 
 def _nonfinite(value: float, dtype: type[Any] = np.float64) -> BadInput:
-    """Somewhere in a further part of the nodes: they are counted over all parts."""
+    """A bad row in an additional part of the nodes: rows are counted over all parts."""
 
     def spoil(draft: Draft, rng: Rng) -> tuple[Part, Names]:
         points = draft.points.astype(dtype)

@@ -18,13 +18,13 @@ Spoiler = Callable[[Draft, Rng], "Names | tuple[Part, Names]"]
 
 @dataclass(frozen=True)
 class BadInput:
-    """One bad input and its due answer.
+    """One bad input and its expected answer.
 
-    ``where`` ({"open", "upload", "build", "move"}): the request that has to be refused; those before it are answered as
-    those of a good session; ``spoil``: changes the good draft, and returns what the error's details have to name. For
-    an upload it returns the bad part too, which is sent behind the good ones; ``code``: on the wire; ``says``: what the
-    message has to have in it; ``draft``: which good session; ``mended``: for "build": something was left out; once it
-    is uploaded, the mesh is that of the good session; ``settings``: of the good session too.
+    ``where`` ({"open", "upload", "build", "move"}): the request that must be refused; earlier requests are answered as
+    in a good session; ``spoil``: changes the good draft, and returns the expected error details. For an upload it
+    returns the bad part too, which is sent after the good ones; ``code``: on the wire; ``says``: text that the message
+    must contain; ``draft``: name of the good session; ``mended``: for "build": a part is missing; after its upload the
+    mesh is that of the good session; ``settings``: settings of the good session too.
     """
 
     name: str
@@ -48,7 +48,7 @@ def spoilt(
 
 
 def unfit(where: Where, first: str, draft: str = "square", /, **settings: Any) -> BadInput:
-    """Settings that do not go together, or not on this mesh; the error names the ``first``."""
+    """Settings that do not fit together, or not this mesh; the error names the ``first``."""
     name = f"{draft} at {where} with " + ", ".join(f"{key} = {value}" for key, value in settings.items())
     code, names = "INVALID_ARGUMENT.SETTINGS", {"setting": first}
     return spoilt(name, where, code, lambda spoiled: spoiled.set_settings(**settings), names, first, draft=draft)

@@ -1,6 +1,7 @@
-"""The requests of a good session, as a client would put them on the wire, for a case to spoil before they are sent.
+"""The requests of a good session in wire form; a case changes them before they are sent.
 
-Small meshes: a case is one of hundreds. Nothing here is checked; a draft holds bad values as well as good ones.
+The meshes are small, because there are hundreds of cases. Nothing here is checked; a draft holds bad values as well as
+good ones.
 """
 
 from collections.abc import Callable
@@ -15,9 +16,9 @@ Array = NDArray[Any]
 
 @dataclass
 class Rows:
-    """An array as the wire has it: the declaration and the bytes may disagree with each other.
+    """An array in wire form: declaration and bytes may be inconsistent.
 
-    ``values``: its bytes are sent as they are; ``dtype``, ``shape``: declared; None: those of ``values``.
+    ``values``: its bytes are sent unchanged; ``dtype``, ``shape``: declared; None: those of ``values``.
     """
 
     values: Array
@@ -42,9 +43,9 @@ class Part:
 
 @dataclass
 class Draft:
-    """All that a good session sends.
+    """All messages of a good session.
 
-    ``opening``: fields of OPEN; ``parts``: per partition; ``step``, ``frame``: of the MOVE; ``displacement``: per
+    ``opening``: fields of OPEN; ``parts``: uploads by partition; ``step``, ``frame``: of the MOVE; ``displacement``: by
     partition.
     """
 

@@ -1,4 +1,4 @@
-"""Inputs that are unusual and right: each has to be taken, and answered as exactly as its row says."""
+"""Inputs that are unusual but valid: each must be accepted, and the answer must be as exact as its row says."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -34,7 +34,7 @@ Judge = Callable[[Outcome, Outcome], str]
 
 @dataclass(frozen=True)
 class Extreme:
-    """One row: how the good draft is changed, and what has to come of it."""
+    """One row: the change of the good draft, and the check of the result."""
 
     name: str
     change: Callable[[Draft], Any]
@@ -46,7 +46,7 @@ class Extreme:
 
 
 def _taken(got: Outcome, good: Outcome) -> str:
-    """It is enough that it was taken: the runner compares the moving nodes with their displacements in any case."""
+    """Only acceptance is checked: the runner compares the moving nodes with their displacements in any case."""
     return ""
 
 
@@ -81,7 +81,7 @@ def _unmoved(got: Outcome, good: Outcome) -> str:
 
 
 def _tiny(got: Outcome, good: Outcome) -> str:
-    """Nothing moves further than the prescribed displacement, and the mesh stays perfect in size."""
+    """No node moves further than the prescribed displacement, and all cells keep size 1."""
     if np.abs(got.displacement).max() > 2 * np.abs(got.prescribed).max():
         return f"expected tiny displacements, got {np.abs(got.displacement).max()}"
     return "" if abs(got.quality["size"]["min"] - 1.0) <= 1e-12 else f"expected size 1, got {got.quality['size']}"
@@ -159,7 +159,7 @@ def _smallest(draft: Draft) -> None:
 
 
 def _two_domains(draft: Draft) -> None:
-    """A second square that touches nothing and has only free nodes."""
+    """A second, separate square with free nodes only."""
     cells = draft.rows("cells", "triangle")
     draft.replace("nodes", "", np.concatenate([draft.points, draft.points + np.array([5.0, 0.0])]))
     draft.replace("cells", "triangle", np.concatenate([cells, cells + 25]))
@@ -179,7 +179,7 @@ def _flattened(draft: Draft) -> None:
 
 
 def _carried(motion: Callable[[Any], Any]) -> Callable[[Draft], None]:
-    """Nothing is fixed, the moving side goes along a rigid motion."""
+    """No node is fixed; the moving side makes a rigid motion."""
 
     def change(draft: Draft) -> None:
         draft.drop("patch", "walls")

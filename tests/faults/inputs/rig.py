@@ -1,4 +1,4 @@
-"""A session of a server in this process that is spoken to in frames, so that the decoder's checks are met too."""
+"""A session of a server in this process; requests are frames, so that the decoder checks them too."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ LIMITS = ServerSettings(
 
 
 def frames(kind: str, sequence: int, fields: dict[str, Any], arrays: dict[str, Rows]) -> list[Any]:
-    """A message of any content; :func:`mesh_motion_protocol.codec.encode` would refuse most of these."""
+    """A message with any content; :func:`mesh_motion_protocol.codec.encode` would refuse most of them."""
     header = {
         "v": 1,
         "type": kind,
@@ -40,7 +40,7 @@ def frames(kind: str, sequence: int, fields: dict[str, Any], arrays: dict[str, R
 
 @contextmanager
 def quietly(noise: list[str]) -> Iterator[None]:
-    """Collect warnings of libraries (numpy's of overflow, say): a checked input causes none."""
+    """Collect warnings of libraries, for example of overflow in numpy: a checked input causes none."""
     with warnings.catch_warnings(record=True) as caught, np.errstate(all="warn", under="ignore"):
         warnings.simplefilter("always")
         yield
@@ -48,7 +48,7 @@ def quietly(noise: list[str]) -> Iterator[None]:
 
 
 def opened(draft: Draft, server: InProcessServer, number: int) -> Rig | ErrorReply:
-    """OPEN, and JOIN of every partition; the number is another one each time."""
+    """Send OPEN, and JOIN of every partition; the number differs each time."""
     ((_, back),) = server.control("owner", b"control", frames("OPEN", number, draft.opening, {}))
     reply = decode(back)
     if isinstance(reply, ErrorReply):
@@ -62,7 +62,7 @@ def opened(draft: Draft, server: InProcessServer, number: int) -> Rig | ErrorRep
 
 @dataclass
 class Rig:
-    """A session and what is said to it, every partition over a connection of its own."""
+    """A session and its messages; every partition has its own connection."""
 
     server: InProcessServer
     opened: Opened
@@ -85,16 +85,16 @@ class Rig:
         return reply
 
     def upload_all(self, draft: Draft) -> ErrorReply | None:
-        """The whole mesh, up to the first part that is refused."""
+        """Upload the whole mesh, or up to the first refused part."""
         replies = (self.upload(part, p) for p, parts in enumerate(draft.parts) for part in parts)
         return next((reply for reply in replies if isinstance(reply, ErrorReply)), None)
 
     def collective(self, kind: str, **fields: Any) -> list[Message]:
-        """A request of every partition; the replies."""
+        """Send a request of every partition; return the replies."""
         return [reply for p in range(self.partitions) for reply in self.ask(kind, p, fields)]
 
     def move(self, draft: Draft, step: int | None = None) -> list[Message]:
-        """The draft's MOVE of every partition; the replies, those of an overtaken one left out."""
+        """Send the draft's MOVE of every partition; return the replies, without those of an overtaken request."""
         replies: list[Message] = []
         for partition, rows in enumerate(draft.displacement):
             fields = {"step": draft.step if step is None else step, "frame": draft.frame} | draft.extra
@@ -102,7 +102,7 @@ class Rig:
         return [r for r in replies if not (isinstance(r, ErrorReply) and r.code == "ABORTED.STALE")]
 
     def standing(self) -> str:
-        """Digest of what a partition can fetch: the committed coordinates, to the last bit."""
+        """Digest of the committed coordinates that a partition fetches, exact to the last bit."""
         digest = hashlib.sha256()
         for partition in range(self.partitions):
             (reply,) = self.ask("FETCH", partition, {"what": "committed"})

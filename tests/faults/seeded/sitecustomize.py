@@ -1,7 +1,8 @@
-"""Faults for the server's own processes: each of them imports this at its start and breaks what SEEDED_FAULTS names.
+"""Faults for the server's own processes: each process imports this module at its start, and the module changes the
+functions that SEEDED_FAULTS names.
 
-The folder is put first on PYTHONPATH by the fixture ``seed``. A process that is run by ``-m`` is a module of its own,
-so what is patched here is what such modules import, not themselves.
+The folder is put first on PYTHONPATH by the fixture ``seed``. A process started with ``-m`` has its own copy of the
+main module, so faults are put into the modules that it imports.
 """
 
 # ruff: noqa: PLC0415  (what no fault breaks is not loaded)
@@ -215,7 +216,7 @@ def requests_that_are_executed_twice() -> None:
 
 @fault
 def a_resume_at_an_older_step() -> None:
-    """A session that is opened from its journal for the second time is as it was at the first."""
+    """A session that is opened from its journal for the second time has the state of the first time."""
     import shutil
 
     from mesh_motion_server.session.store import SessionStore
@@ -239,7 +240,7 @@ def a_resume_at_an_older_step() -> None:
 
 @fault
 def sessions_with_bad_manners() -> None:
-    """Labels ask for trouble in STATUS; FETCH is answered by 100 MB, whatever the mesh is.
+    """Labels choose a fault in STATUS; FETCH is answered with 100 MB for any mesh.
 
     ``kill`` ends the process at once, ``abort`` as a failed assertion in native code does, ``memory`` takes memory
     until the worker's limit.

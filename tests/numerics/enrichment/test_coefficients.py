@@ -1,4 +1,4 @@
-"""Optimised enrichment: the space it works in, and what it reaches."""
+"""Optimised enrichment: its space, and the quality that it reaches."""
 
 import numpy as np
 import pytest
@@ -83,7 +83,7 @@ def test_a_singular_system_is_solved_with_the_smallest_ridge_that_helps() -> Non
 
 @pytest.mark.parametrize("name", ["-0.2, -0.2, +60°", "3D box 0.25 + bend"])
 def test_a_step_is_the_minimiser_of_the_model_within_the_space(name: str) -> None:
-    """Against the dense normal equations in double precision, and the gradient against differences."""
+    """Compared with the dense normal equations in double precision, and the gradient with differences."""
     problem, mesh = case(name), stored(CASES[name][0]).trial
     region = mesh.free(~mesh.held)
     d, norm = problem.start.shape[1], PNorm(8, 2)

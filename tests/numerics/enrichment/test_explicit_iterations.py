@@ -1,4 +1,4 @@
-"""The thesis' three 2D cases (§5.4) with its numbers of iterations, and the promises every correction keeps."""
+"""The thesis' three 2D cases (§5.4) with its numbers of iterations, and the properties of every correction."""
 
 from dataclasses import replace
 

@@ -95,7 +95,7 @@ def test_gradient_is_the_derivative_of_the_displacement():
 
 def test_a_point_outside_is_named():
     boundary, displacement = contraction(0.2, 0.8, 0.15, -0.15)
-    with pytest.raises(InvalidInput, match=r"enrichment point 1 at 1\.2 lies between no two boundary nodes"):
+    with pytest.raises(InvalidInput, match=r"enrichment point 1 at 1\.2 does not lie between two boundary nodes"):
         bracketing_slopes(boundary, displacement, np.array([0.5, 1.2]))
 
 

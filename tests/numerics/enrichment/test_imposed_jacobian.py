@@ -1,4 +1,4 @@
-"""Imposed Jacobians: the coupled system (5.6), its elimination, and what the rounds reach."""
+"""Imposed Jacobians: the coupled system (5.6), its elimination, and the result of the rounds."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""The functions of an enrichment space: gone at the boundary, and their gradients against differences."""
+"""The functions of an enrichment space: zero at the boundary, and their gradients compared with differences."""
 
 import numpy as np
 import pytest

@@ -42,7 +42,7 @@ def radius_of(order: int, neighbours: int) -> float:
 
 
 def turned(points: Floats, moving: NDArray[np.bool_]) -> Floats:
-    """The sphere turned and bent, the box in place."""
+    """Displacement that turns and bends the sphere and keeps the box in place."""
     x = points - 0.5
     return np.where(moving[:, None], 0.05 * np.stack([-x[:, 1], x[:, 0], x[:, 0] ** 2], axis=1), 0.0)
 

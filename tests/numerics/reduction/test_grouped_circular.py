@@ -13,7 +13,9 @@ from docs.studies.thesis._point_reduction import greedy
 
 @pytest.mark.parametrize("boundary", ["slab", "wing"])
 def test_one_group_is_the_greedy_algorithm(boundary: str) -> None:
-    """It chooses what a full solution for every point chooses, and solves on that at the end."""
+    """The algorithm chooses the same points as a full solution for every point, and makes a full solution at the
+    end.
+    """
     of = problem(boundary, tolerance=1e-3)
     offered, full = REDUCTIONS["greedy"](of), greedy.reduce(of)
     np.testing.assert_array_equal(offered.selected, full.selected)

@@ -1,4 +1,4 @@
-"""The near-surface correction: its radius, and that it saves the layers that setting the nodes alone would invert."""
+"""The near-surface correction: its radius, and its effect on layers that setting the nodes alone would invert."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Reduction problems: what they refuse, and the table of algorithms."""
+"""Reduction problems: their refusals, and the table of algorithms."""
 
 import numpy as np
 import pytest

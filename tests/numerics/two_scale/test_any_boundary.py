@@ -1,4 +1,4 @@
-"""Every set of distinct boundary nodes is interpolated with nothing set, to 1e-10 before any node is set."""
+"""Every set of distinct boundary nodes is interpolated with default settings, to 1e-10 before any node is set."""
 
 from collections.abc import Iterator
 
@@ -29,7 +29,7 @@ def turned(points: Floats, degrees: float, shift: float) -> Floats:
 
 
 def moved_by(grid: Grid, targets: Floats) -> tuple[StandardTrial, float]:
-    """The default motion of a grid whose body goes to the targets (b, d), and the largest error before nodes are set.
+    """The default motion of a grid with its body at the targets (b, d), and the largest error before nodes are set.
 
     The error is a share of the largest displacement.
     """
@@ -45,7 +45,9 @@ def moved_by(grid: Grid, targets: Floats) -> tuple[StandardTrial, float]:
 
 
 def aerofoils() -> Iterator[tuple[str, Grid]]:
-    """Grids whose first cells are valid in double precision: near a cusp they are the square of those at mid-chord."""
+    """Grids whose first cells are valid in double precision: near a cusp their sizes are the squares of those at
+    mid-chord.
+    """
     for far in (15.0, 1000.0):
         for first in (1e-3, 1e-5, 1e-8):
             for edge in TRAILING_EDGES:
@@ -71,7 +73,7 @@ def test_aerofoils_turn_with_their_first_cells_by_45_degrees_and_half_a_chord(gr
 
 
 def _heights(points: Floats, cells: np.ndarray, on_wall: np.ndarray) -> Floats:
-    """Lengths of the edges from a node on the wall to one that is not, of quads (m, 4)."""
+    """Lengths of the edges between a node on the wall and one off the wall, for quads (m, 4)."""
     pairs = [(cells[:, k], cells[:, (k + 1) % 4], on_wall[:, k] != on_wall[:, (k + 1) % 4]) for k in range(4)]
     return np.concatenate([np.linalg.norm(points[a[is_up]] - points[b[is_up]], axis=1) for a, b, is_up in pairs])
 

@@ -1,4 +1,4 @@
-"""Sums at grid points by blocks: near the direct ones, and left to them where blocks do not suit."""
+"""Sums at grid points by blocks: close to direct sums, and computed directly where blocks do not fit."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ COUNTS, LOW, SPACING = (37, 30, 37), np.full(3, -2.0 / 32.0), 1.0 / 32.0
 
 
 def _interpolant(name: str, radius: float, k: int = 3) -> tuple[Interpolant, float]:
-    """Of a body's turn with a smooth bend, and the largest value."""
+    """Displacement of a body's turn with a smooth bend, and its largest value."""
     x = POINTS - 0.5
     values = np.where(np.arange(len(POINTS))[:, None] < 120, np.stack([x[:, 1], -x[:, 0], x[:, 2] ** 2], axis=1), 0.0)
     values = np.tile(values, (1, 2))[:, :k]
@@ -72,7 +72,7 @@ def test_a_whole_nest_with_a_polynomial_is_near_the_direct_sum() -> None:
 
 
 def test_blocks_far_from_all_centres_are_as_near_the_direct_sum() -> None:
-    """About a body small in the grid's box, most of whose blocks see it from many of their widths away."""
+    """Around a body that is small compared with the grid's box; it is many block widths away from most blocks."""
     interpolant, largest = _interpolant("wendland-c2", 2.5)
     for low, spacing in ((np.full(3, 0.3), 0.4 / 28), (np.array([0.9, 0.4, 0.4]), 0.004)):
         found = _by_blocks(interpolant, low, spacing, (29, 29, 29))
@@ -86,7 +86,7 @@ def test_blocks_far_from_all_centres_are_as_near_the_direct_sum() -> None:
 
 @pytest.mark.parametrize(("name", "radius"), [("wendland-c2", 2.0), ("wendland-c4", 2.0), ("wendland-c2", 0.4)])
 def test_the_transpose_of_sums_on_grids(name: str, radius: float) -> None:
-    """By blocks, and directly where they do not suit."""
+    """By blocks, and directly where blocks do not fit."""
     interpolant, _ = _interpolant(name, radius)
     grid = NestedGrid(nested_boxes(POINTS, local_spacing(POINTS), np.zeros(3), np.ones(3)), np.zeros(3), 3)
     forth = on_grid(interpolant, grid)

@@ -78,7 +78,7 @@ def test_gradients_are_those_of_the_values(d: int) -> None:
 
 @pytest.mark.parametrize("d", [1, 2, 3])
 def test_values_and_slopes_pass_through_every_rim(d: int) -> None:
-    """On a field that no level resolves, so that the levels differ as much as they can."""
+    """On a field that no level resolves, so that the levels differ as much as possible."""
     grid = _grid(d)
     rough = np.random.default_rng(2).normal(size=(len(grid.points()), 1))
     rng = np.random.default_rng(3)

@@ -1,4 +1,6 @@
-"""Interpolation in two scales: exact at every boundary node, near the interpolation in one, repeatable to the bit."""
+"""Interpolation in two scales: exact at every boundary node, close to the interpolation in one scale, repeatable to the
+bit.
+"""
 
 from itertools import pairwise
 
@@ -66,7 +68,7 @@ def test_every_boundary_node_is_met_however_rough_the_displacement(name: str) ->
 
 @pytest.mark.parametrize("name", CASES)
 def test_the_field_is_near_the_one_of_all_centres(name: str) -> None:
-    """At places off the body by its boundary's spacing or more; the body's motion carries there."""
+    """At places away from the body by at least its boundary's spacing; the body's motion extends there."""
     points, moving = CASES[name]
     values = _turn(points, moving)
     d, centre = points.shape[1], points[moving].mean(axis=0)
@@ -154,7 +156,7 @@ def test_coarse_points_are_shared_between_the_body_and_the_rest() -> None:
     chosen = coarse_points(points, spacing, moving, 200)
     assert len(np.unique(chosen)) == 200
     assert np.count_nonzero(moving[chosen]) == 120
-    # spread: no body point is far from a chosen one in its own spacing
+    # well spread: each body point has a chosen point within a few of its own spacings
     gap = np.linalg.norm(points[moving][:, None] - points[chosen[moving[chosen]]], axis=2).min(axis=1)
     assert gap.max() < 5.0 * spacing[moving].max()
     assert len(coarse_points(points, spacing, moving, 10**6)) == len(points)

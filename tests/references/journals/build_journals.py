@@ -1,13 +1,13 @@
 """Writes the golden journals: ``python tests/references/journals/build_journals.py [LEVEL …]``.
 
-``<format>/<level>.zip`` holds the folder of one session as this version of the server leaves it when it is killed,
-and ``expected.json``, what it must give when it is taken up. From the first release on a journal that is here is
-never written again: every later version has to open it. Until then they are written again when a key goes. Where the
-format changes, its number is raised (``records.py``, ``spec.py``, ``mesh_store.py``), :data:`FORMATS` below
-says the new one, and what this writes is added to the old ones.
+``<format>/<level>.zip`` holds the folder of one session after this version of the server was killed, and
+``expected.json``, the expected data after a RESUME. From the first release on, a journal in this folder is never
+written again: every later version must open it. Until then they are written again when a key is removed. When the
+format changes, raise its number (``records.py``, ``spec.py``, ``mesh_store.py``), add it to :data:`FORMATS` below, and
+add the output of this script to the old files.
 
-The life: 16 nodes, five steps; after the second one a trial is dropped by another holder, who raises the epoch; a last
-trial is lost. With "replay" the third state is stored. With "relaxed" the fourth is passed over.
+The session: 16 nodes, five steps; after the second one another holder raises the epoch and drops a trial; a last trial
+is lost. With "replay" the third state is stored. With "relaxed" the fourth state is not stored.
 """
 
 from __future__ import annotations
@@ -77,13 +77,13 @@ MODEL: Any = ExactModel
 
 
 def displacement(driver: Driver, step: int) -> list[Any]:
-    """Of the left side: exact in binary, and every step's own."""
+    """Displacement of the left side: exact in binary, and different in every step."""
     rows = np.array([[step / 128 + node / 1024, (-1) ** step / 64] for node in range(len(driver.moving[0]))])
     return [rows]
 
 
 def build(level: str, root: Path) -> dict[str, Any]:
-    """Let a session live under a state folder, kill it there; what is expected of it."""
+    """Run a session in a state folder and kill it there; return its expected data."""
     journal_module.manifest_capacity = lambda foundation: 12 * PAGE
     host = SessionHost.create(_spec(level), SessionStore(root), build_model=MODEL, **_limits(level))
     driver = Driver(host, [grid_mesh(4)])
@@ -147,7 +147,7 @@ def _live(driver: Driver, gate: Any) -> dict[str, Any]:
 
 
 class _pinned:
-    """Nothing is left to chance: who computed, and in which batches a relaxed session stores."""
+    """Fix everything that could vary: the version that computed, and the batches in which a relaxed session stores."""
 
     def __init__(self, level: str) -> None:
         self.level, self.open = level, threading.Event()
@@ -173,7 +173,7 @@ class _pinned:
             setattr(*self._restore)
 
     def before(self, driver: Driver, step: int) -> None:
-        """The third state is on its way while the next two come."""
+        """The third state is being written while the next two come."""
         if step == 3:
             self.open.clear()
 

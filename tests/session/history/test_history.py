@@ -1,4 +1,4 @@
-"""A session's history: all that was answered is in it, and nothing that goes wrong with it reaches the session."""
+"""A session's history: it has all answers, and its faults never affect the session."""
 
 import errno
 import json
@@ -168,7 +168,7 @@ def test_a_discarded_session_takes_its_history_away(store: SessionStore, caplog:
 
 
 def lost(driver: Any) -> None:
-    """The process is gone: its locks and files are, nothing is written any more."""
+    """End the process: its locks and files are released, and nothing is written any more."""
     driver.host._session._built.keeper.close()
     driver.host._session._folder.release()
 
@@ -226,7 +226,7 @@ def test_a_new_holder_and_a_lost_lease_are_events(store: SessionStore) -> None:
 
 
 def test_what_was_made_twice_counts_the_second_time(tmp_path: Path) -> None:
-    """With ``relaxed`` a crash takes the session back; the steps behind are made again, perhaps otherwise."""
+    """With ``relaxed`` a crash loses steps of the session; they are repeated, perhaps with other results."""
     history = History(tmp_path, 1 << 20)
     for step, value in ((1, 1.0), (2, 2.0), (3, 3.0), (2, 9.0)):
         rows = np.full((2, 2), value)
@@ -240,7 +240,7 @@ def test_what_was_made_twice_counts_the_second_time(tmp_path: Path) -> None:
 
 
 def test_steps_that_were_made_without_a_history_end_the_boundary(store: SessionStore) -> None:
-    """The history has four steps; back at step two, the third was made otherwise while no history was kept."""
+    """The history has four steps; after a return to step two, another third step was made while no history was kept."""
     driver = new(store, spec={"durability": "relaxed"})
     driver.advance(1)
     driver.advance(2)
@@ -285,7 +285,7 @@ def test_a_log_says_what_computed_each_step_and_where_a_life_was_cut(tmp_path: P
 
 
 def test_a_log_does_not_go_on_behind_a_life_that_was_cut(tmp_path: Path) -> None:
-    """The third step was taken back, and then made again to the same bits while no history was kept."""
+    """The third step was lost, and then repeated to the same bits while no history was kept."""
     for taken_up, step in ((0, 1), (1, 2), (2, 3), (2, 0), (3, 4)):
         history = History(tmp_path, 1 << 20)
         history.take_up(taken_up, b"%d" % taken_up)
@@ -306,7 +306,9 @@ def test_a_commit_that_was_lost_and_made_again_is_written(tmp_path: Path) -> Non
 
 
 def test_taking_up_a_long_log_takes_no_memory(tmp_path: Path) -> None:
-    """A list of the records' heads was made: 3 MB here, 17 MB of a whole segment, in a worker at each RESUME."""
+    """A former version made a list of the records' heads: 3 MB here, 17 MB for a whole segment, in a worker at each
+    RESUME.
+    """
     (tmp_path / "history").mkdir()
     steps = range(1, 10_001)
     records = (pack_input(step, "committed", bytes(32), 16) + pack_outcome(step, b"%d" % step) for step in steps)
@@ -341,7 +343,7 @@ def test_a_log_that_is_removed_while_it_is_read_has_no_steps(tmp_path: Path) -> 
     assert (log.read(1).digest, log.verified()) == (b"digest", 1)
     path.unlink()
     assert (log.digest(1), log.verified()) == (b"", 0)
-    with pytest.raises(DataLoss, match="step 1 does not verify"):
+    with pytest.raises(DataLoss, match="step 1 has a wrong checksum"):
         log.read(1)
 
 
@@ -359,7 +361,7 @@ def test_a_damaged_digest_is_none_and_a_damaged_input_is_an_error(tmp_path: Path
     assert (log.digest(1), log.steps, log.committed) == (b"", 1, 0)
     data[-1] ^= 1
     path.write_bytes(data)
-    with pytest.raises(DataLoss, match="does not verify"):
+    with pytest.raises(DataLoss, match="has a wrong checksum"):
         BoundaryLog(tmp_path).read(1)
 
 
@@ -439,7 +441,7 @@ def test_the_oldest_segments_go_and_the_newest_events_stay(store: SessionStore) 
 
 
 def test_what_was_built_stays_when_its_segment_goes(store: SessionStore) -> None:
-    """Also when the session is resumed in between; and it counts once."""
+    """Also if the session is resumed in between; it counts once."""
     limits = ServerSettings(reserve_disk_bytes=0, history_bytes=64 << 10)
     driver, folder = new(store, limits=limits), folder_of(store)
     (built,) = read_events(folder)
@@ -510,7 +512,7 @@ LINES = st.one_of(
 def test_reading_backwards_finds_what_reading_all_finds(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, lines: list[tuple[bytes, int]], block: int
 ) -> None:
-    """Of whole lines and torn ones; of each so many bytes of the end are missing."""
+    """Files of whole lines and cut ones; the end of each lacks this number of bytes."""
     data = b"".join(line[: len(line) - (lost if lost > 20 else 0)] for line, lost in lines)
     path = tmp_path / "history" / "events-00000000.jsonl"
     path.parent.mkdir(exist_ok=True)
@@ -566,7 +568,7 @@ def test_numbers_that_json_does_not_know_are_null() -> None:
 
 
 def test_a_summary_that_comes_twice_is_written_out_twice() -> None:
-    """It is encoded once, for speed; what it says, and what stands around it, does not matter."""
+    """It is encoded once, for speed; its content and position do not matter."""
     summary = {"min": 0.5, "worst": [{"type": '"standard":0', "cell": 1}]}
     quality = {"metric": '"corrected":0', "standard": summary, "corrected": summary}
     values = {"step": 1, "quality": quality, "warnings": ['say "standard":0 and "corrected":0']}
@@ -583,7 +585,7 @@ ERRORS = (errno.ENOSPC, errno.EIO, errno.EROFS, errno.EACCES)
 
 
 def live(root: Path, level: str) -> list[bytes]:
-    """A life with every kind of event; the digests that were acknowledged."""
+    """A session with every kind of event; return the acknowledged digests."""
     store = SessionStore(root)
     driver = new(store, spec={"durability": level})
     found = digests(driver, range(1, 2))
@@ -601,7 +603,7 @@ def live(root: Path, level: str) -> list[bytes]:
 
 
 class Failing:
-    """Calls of the system on a history's files, of which one, or each from one on, fails."""
+    """System calls on a history's files, of which one fails, or all from one on."""
 
     def __init__(self, patch: pytest.MonkeyPatch, error: int, at: int, *, for_ever: bool) -> None:
         self.error, self.at, self.for_ever, self.count = error, at, for_ever, 0
@@ -653,7 +655,7 @@ def test_a_short_write_is_gone_on_with(store: SessionStore, monkeypatch: pytest.
 def test_a_slow_disk_costs_some_slow_steps_and_not_each(
     store: SessionStore, monkeypatch: pytest.MonkeyPatch, caplog: Any
 ) -> None:
-    """Each write that a step waits for takes twice what is waited for."""
+    """Each write that a step waits for takes twice the limit."""
     write, slow, now = os.write, [], [0.0]
     timer = SimpleNamespace(monotonic=lambda: now[0])
     monkeypatch.setattr("mesh_motion_server.session.history.segments.time", timer)
@@ -673,7 +675,7 @@ def test_a_slow_disk_costs_some_slow_steps_and_not_each(
             assert driver.advance(step)[-1].type == "COMMITTED"
     assert len(slow) in (2, 3)  # the events' and the boundary's are waited for apart
     (warning,) = [record.getMessage() for record in caplog.records if record.levelno >= logging.WARNING]
-    assert re.search(r"ends, the session goes on: the disk has let steps wait for 0\.[23] s, now 0\.1 s", warning)
+    assert re.search(r"ends, the session goes on: steps waited 0\.[23] s for the disk in all, this one 0\.1 s", warning)
     before = len(events_of(store))
     driver.host.reclaim(TOKEN)
     driver.join()
@@ -683,7 +685,7 @@ def test_a_slow_disk_costs_some_slow_steps_and_not_each(
 
 
 def test_a_pause_now_and_then_costs_no_history(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: Any) -> None:
-    """A machine that stands still for four seconds every ten minutes; then a disk that takes four seconds each time."""
+    """A machine that pauses for four seconds every ten minutes; then a disk that takes four seconds each time."""
     now = [0.0]
     timer = SimpleNamespace(monotonic=lambda: now[0])
     monkeypatch.setattr("mesh_motion_server.session.history.segments.time", timer)
@@ -702,11 +704,11 @@ def test_a_pause_now_and_then_costs_no_history(tmp_path: Path, monkeypatch: pyte
     while not caplog.records and step < 2000:
         step += 1
         history.record("committed", step=step, quality={}, digest="00")
-    assert "the disk has let steps wait for" in caplog.records[0].getMessage()
+    assert "s for the disk in all" in caplog.records[0].getMessage()
 
 
 def test_many_bytes_may_take_their_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: Any) -> None:
-    """The boundary of a million nodes is 24 MB: half a second of what the disk writes anyway."""
+    """The boundary of a million nodes is 24 MB: a disk needs half a second for it in any case."""
     monkeypatch.setattr("mesh_motion_server.session.history.segments.PATIENCE", 0.0)
     monkeypatch.setattr("mesh_motion_server.session.history.segments.ALLOWANCE", 0.0)
     clock = iter(float(k) for k in range(100))
@@ -716,7 +718,7 @@ def test_many_bytes_may_take_their_time(tmp_path: Path, monkeypatch: pytest.Monk
     history.record_input(1, lambda: BoundaryInput("committed", bytes(24 << 20), ""), 3)
     assert not caplog.records
     history.record("committed", step=1, quality={}, digest="00")
-    assert "now 0.7 s" in caplog.records[0].getMessage()
+    assert "this one 0.7 s" in caplog.records[0].getMessage()
 
 
 @pytest.mark.parametrize("error", [MemoryError(), RuntimeError("unforeseen"), ValueError()])

@@ -1,4 +1,4 @@
-"""The levels of durability as a session has them: what replies say, what is there again, and what is refused."""
+"""The levels of durability of a session: replies, the state after a restart, and refusals."""
 
 import threading
 import time
@@ -30,7 +30,7 @@ LIMITS = ServerSettings(snapshot_steps=4)
 
 @pytest.fixture
 def opened(tmp_path: Path) -> Any:
-    """Opens a session of a level; ``again()`` takes it up after its process was killed."""
+    """Opens a session of a level; ``again()`` resumes it after its process was killed."""
     store = SessionStore(tmp_path)
     drivers: list[Any] = []
 
@@ -136,7 +136,9 @@ def test_the_log_is_bounded_by_steps_and_bytes(opened: Any, monkeypatch: pytest.
 
 
 def test_the_log_is_bounded_by_time(opened: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    """However slow moves are, computing the logged ones again ends before the supervisor gives the worker up."""
+    """For moves of any duration, the replay of the logged ones ends before the supervisor's time limit for the
+    worker.
+    """
     driver = opened.open("replay")
     driver.advance(1)
     monkeypatch.setattr("mesh_motion_server.session.journal.durability._LONGEST_LOG", 0.0)
@@ -147,7 +149,9 @@ def test_the_log_is_bounded_by_time(opened: Any, monkeypatch: pytest.MonkeyPatch
 
 
 def test_each_step_that_is_computed_again_is_reported(opened: Any) -> None:
-    """A waiting client knows that the session comes, however long the log of another machine takes here."""
+    """A waiting client gets reports that the session starts, however long the replay of another machine's log takes
+    here.
+    """
     driver = opened.open("replay")
     for step in (1, 2, 3):
         driver.advance(step)
@@ -159,7 +163,7 @@ def test_each_step_that_is_computed_again_is_reported(opened: Any) -> None:
 
 
 def test_what_took_long_to_compute_again_is_stored(opened: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Else a worker that falls again and again has ever more to compute."""
+    """Otherwise a worker that fails again and again would have ever more to compute."""
     driver = opened.open("replay")
     for step in (1, 2):
         driver.advance(step)
@@ -183,7 +187,7 @@ def test_an_input_as_costly_as_the_state_is_not_logged(opened: Any, monkeypatch:
 
 
 def diverging(opened: Any, monkeypatch: pytest.MonkeyPatch) -> Any:
-    """A session whose log another version computes a little differently; what is found when it is taken up."""
+    """A session with a log that another version computes a little differently; return the result of its RESUME."""
     driver = opened.open("replay")
     for step in (1, 2):
         driver.advance(step)
@@ -288,7 +292,9 @@ LEAVE: dict[str, Callable[[Any], Any]] = {
     ("leave", "failed"), [*((leave, False) for leave in LEAVE), ("close", True), ("end", True), ("suspend", True)]
 )
 def test_everything_is_durable_before(opened: Any, held: threading.Event, leave: str, failed: bool) -> None:
-    """Also of a session that failed: its thread stores step 1 while the others wait, which ending must not drop."""
+    """Also for a failed session: its thread stores step 1 while the others wait, and the end of the session must not
+    lose them.
+    """
     driver = opened.open("relaxed")
     digests = [driver.advance(step)[0].digest for step in range(1, 6)]
     if failed:
@@ -305,7 +311,7 @@ def test_everything_is_durable_before(opened: Any, held: threading.Event, leave:
 def test_a_session_that_failed_stays_so_when_its_disk_fails_too(
     opened: Any, held: threading.Event, monkeypatch: Any, suspended: bool
 ) -> None:
-    """FROZEN would hand out coordinates that are not trusted."""
+    """A FROZEN session would return coordinates that are not trusted."""
     driver = opened.open("relaxed")
     driver.advance(1)
     driver.host._session.fail()

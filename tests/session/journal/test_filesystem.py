@@ -1,4 +1,4 @@
-"""The operating system's files do what the journal asks of them; the model of them does the same."""
+"""The operating system's files behave as the journal requires; so does the model of them."""
 
 from pathlib import Path
 from typing import Any

@@ -1,6 +1,6 @@
-"""Journals that earlier versions left are opened bitwise, and this version writes what is stored as its own format.
+"""Journals of earlier versions are opened bitwise, and this version writes exactly the stored files of its format.
 
-A test that fails here after a change of the format asks for another format number and another golden journal, see
+If a test fails here after a change of the format, raise the format number and add a golden journal, see
 ``tests/references/journals/build_journals.py``; the stored ones stay as they are.
 """
 
@@ -40,7 +40,7 @@ def capacity(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def unpacked(name: str, root: Path, session: str) -> dict[str, Any]:
-    """Unpack a golden journal into a state folder; what is expected of it."""
+    """Unpack a golden journal into a state folder; return its expected data."""
     folder = root / "sessions" / session
     folder.mkdir(parents=True)
     with zipfile.ZipFile(GOLDEN / f"{name}.zip") as archive:
@@ -95,7 +95,7 @@ def _resume(builder: Any, root: Path) -> Any:
 
 
 def differences(name: str, builder: Any, session: str, root: Path) -> list[str]:
-    """In what a journal that was just built differs from the golden one, apart from settings that came since."""
+    """Differences between a newly built journal and the golden one, without settings that were added since."""
     unpacked(name, root / "golden", session)
     builder.build(name.partition("/")[2], root / "fresh")
     golden, fresh = (root / which / "sessions" / session for which in ("golden", "fresh"))
@@ -164,7 +164,7 @@ def _later_setting(folder: Path) -> None:
 
 
 def _write_spec(folder: Path, text: str) -> None:
-    """As a version that wrote it would: the journal's first record has its digest."""
+    """As the version that wrote it would: the journal's first record has its digest."""
     (folder / "spec.json").write_text(text)
     manifest = (folder / "manifest").read_bytes()
     first = unpack_record(manifest)

@@ -226,7 +226,9 @@ def test_the_record_area_holds_a_receipt_and_every_partition() -> None:
 @pytest.mark.usefixtures("small")
 @pytest.mark.parametrize("fill", ["cut", "zeros"])
 def test_the_tail_torn_at_every_length(tmp_path: Path, fill: str) -> None:
-    """Up to two records lost: their slots complete them. Three: the slots show that something is missing."""
+    """With up to two lost records, their slots complete them. With three lost records, the slots show that something is
+    missing.
+    """
     write(tmp_path, 3).close()
     whole = {path: path.read_bytes() for path in tmp_path.iterdir()}
     manifest = whole[tmp_path / "manifest"]
@@ -242,7 +244,7 @@ def test_the_tail_torn_at_every_length(tmp_path: Path, fill: str) -> None:
 
 
 def record_bytes(manifest: bytes, number: int) -> int:
-    """Where the bytes of a record end, its padding apart."""
+    """End of a record's bytes without its padding."""
     return len(manifest[: (number + 1) * PAGE].rstrip(b"\0"))
 
 
@@ -276,7 +278,7 @@ def test_lists_read_the_manifest_alone(tmp_path: Path) -> None:
 
 
 class Crowded(PosixFileSystem):
-    """A disk that others fill in the moment in which a manifest was replaced."""
+    """A disk that other programs fill at the moment of a manifest's replacement."""
 
     replaced = False
 

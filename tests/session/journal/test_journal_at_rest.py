@@ -1,4 +1,4 @@
-"""The journal on a model of a file system: what a failure stops, what opening repairs, syncs and gives back."""
+"""The journal on a model of a file system: effects of a failure, and repairs, syncs and releases while opening."""
 
 from contextlib import suppress
 from dataclasses import replace
@@ -16,7 +16,7 @@ from tests.faults.power_loss import FOLDER, boundary_of, entry_of, foundation_of
 
 
 def lived(level: str, steps: int = 2, pages: int = 6) -> tuple[Journal, FailingFiles]:
-    """A journal of a level after so many steps; with "replay" they are logged."""
+    """A journal of a level after this number of steps; with "replay" they are logged."""
     files = FailingFiles(ModelFiles(), for_ever=False)
     journal = Journal.create(FOLDER, files, foundation_of(level), capacity=pages * PAGE)
     for step in range(1, steps + 1):
@@ -83,7 +83,7 @@ def test_nothing_that_opening_wrote_is_left_unsynced(level: str) -> None:
 
 
 def test_what_opening_found_in_the_page_cache_is_on_the_disk_then() -> None:
-    """A sync that failed may have lost what reads still show: all of it is written again."""
+    """A failed sync may have lost data that reads still show: all of it is written again."""
     for fail_at in range(1, 100):
         journal, files = lived("full", steps=2)
         files.fail_at = files.count + fail_at
@@ -101,14 +101,14 @@ def test_what_opening_found_in_the_page_cache_is_on_the_disk_then() -> None:
 
 
 def test_a_logged_step_that_was_witnessed_and_is_gone_is_missed() -> None:
-    """The page behind the records says that record 2 was synced before record 3 was written."""
+    """The page after the records says that record 2 was synced before record 3 was written."""
     journal, files = lived("replay", steps=3)
     journal.close()
     manifest = files.entries[FOLDER / "manifest"].cache
     manifest[3 * PAGE : 4 * PAGE] = bytes(PAGE)
     assert read_journal(FOLDER, files).ledger.step == 2  # as a crash may have left it
     manifest[2 * PAGE : 3 * PAGE] = bytes(PAGE)
-    with pytest.raises(DataLoss, match="does not verify, and it did"):
+    with pytest.raises(DataLoss, match="has a wrong checksum, but it was correct once"):
         read_journal(FOLDER, files)
 
 
@@ -117,7 +117,7 @@ def test_opening_witnesses_the_last_record() -> None:
     journal.close()
     Journal.open(FOLDER, files).close()
     files.entries[FOLDER / "manifest"].cache[2 * PAGE : 3 * PAGE] = bytes(PAGE)
-    with pytest.raises(DataLoss, match="does not verify, and it did"):
+    with pytest.raises(DataLoss, match="has a wrong checksum, but it was correct once"):
         read_journal(FOLDER, files)
 
 

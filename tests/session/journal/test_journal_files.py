@@ -1,4 +1,4 @@
-"""What is read of a journal's files: all of it or little of it, never written to, and given back."""
+"""Reads of a journal's files: whole files or small parts, never writes, and all files are closed."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -25,7 +25,7 @@ CAPACITY = 64 * PAGE
 
 
 class Shown(ModelFiles):
-    """Forbids to open a file for writing, once this is switched on."""
+    """Forbids opening a file for writing, once this is switched on."""
 
     closed_to_writers = False
 

@@ -1,4 +1,4 @@
-"""What records add up to: where the next state goes, what is kept, what follows and what does not."""
+"""The sum of records: place of the next state, kept commits, and records that may follow."""
 
 from dataclasses import replace
 from typing import Any

@@ -19,7 +19,7 @@ RESERVE = FOLDER / "manifest.new"
 
 
 class FullDisk(ModelFiles):
-    """A disk whose free bytes others take as soon as they are there: what was written in place needs none."""
+    """A disk whose free bytes other programs take at once: writes in place need none."""
 
     full = False
 
@@ -44,7 +44,7 @@ def built(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
 
 
 def commit_until(driver: Any, files: FullDisk, renames: int) -> None:
-    """Commit until so many manifests have been replaced."""
+    """Commit until this number of manifests has been replaced."""
     seen = sum(operation == "rename manifest" for operation in files.operations)
     while sum(operation == "rename manifest" for operation in files.operations) < seen + renames:
         step = driver.host.step + 1
@@ -100,7 +100,7 @@ def test_a_manifest_that_a_crash_has_left_under_both_names_is_not_overwritten(bu
 
 
 def test_so_it_is_on_a_disk(tmp_path: Path) -> None:
-    """Where emptying the file under one name would empty it under the other."""
+    """A file system on which emptying the file under one name would empty it under the other."""
     store = SessionStore(tmp_path)
     driver = make_driver(store, [grid_mesh()])
     driver.open()

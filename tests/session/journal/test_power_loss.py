@@ -1,6 +1,6 @@
 """The real journal on a file system that loses power between any two operations: the row `power-loss`.
 
-The tests of the test at the end seed a bug and demand that the same campaign finds it.
+The tests of the check at the end seed a bug and require that the same campaign finds it.
 """
 
 from dataclasses import replace
@@ -42,7 +42,9 @@ def test_no_promised_step_is_lost(level: str) -> None:
 
 
 def test_a_failed_sync_followed_by_a_power_loss() -> None:
-    """Read back from the page cache after a failed sync, then power is lost: nothing acknowledged later may vanish."""
+    """Data is read from the page cache after a failed sync, then power is lost: nothing acknowledged later may
+    vanish.
+    """
     assert fail_each(SCRIPT, Random(1)) > 50
 
 
@@ -50,7 +52,7 @@ def test_a_failed_sync_followed_by_a_power_loss() -> None:
 
 
 class Unsynced:
-    """Forgets to sync the files, or folders, of some names."""
+    """A file system that does not sync files, or folders, of some names."""
 
     def __init__(self, files: Any, *names: str) -> None:
         self._files, self._names = files, names
@@ -150,7 +152,7 @@ def test_inputs_that_a_checkpoint_forgets_are_found(monkeypatch: pytest.MonkeyPa
 
 
 def test_a_log_that_is_stored_too_late_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What is not logged any more must be in a slot."""
+    """A step that is not logged any more must be in a slot."""
 
     def hasty(self: Journal, state: Any) -> None:
         last, slot = self.ledger.commits[-1], self.ledger.next_slot

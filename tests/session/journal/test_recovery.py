@@ -1,4 +1,4 @@
-"""What a crash can leave, and what only damage can."""
+"""Files that a crash can leave, and files that only damage can cause."""
 
 from typing import Any
 

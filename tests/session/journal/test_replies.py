@@ -1,4 +1,4 @@
-"""Exactly once: stored replies, conflicts, and what is bounded."""
+"""Exactly-once execution: stored replies, conflicts, and limits."""
 
 import tracemalloc
 
@@ -18,7 +18,7 @@ def test_other_content_conflicts_also_after_a_failure() -> None:
     table.store(ask(2), None)
     assert table.find(ask(2)) is None
     for sequence in (1, 2):
-        with pytest.raises(SessionError, match=f"request {sequence} was already made") as caught:
+        with pytest.raises(SessionError, match=f"request {sequence} was already sent") as caught:
             table.find(ask(sequence, b"y"))
         assert caught.value.code == "ABORTED.CONFLICT"
 
@@ -35,7 +35,9 @@ def test_what_was_dropped_is_stale() -> None:
 
 
 def test_behind_the_largest_number_there_is_none() -> None:
-    """Found by the handlers' fuzz: the detail did not fit into 64 bits, and its reply into no header."""
+    """A fault that the handlers' fuzz found: the detail did not fit into 64 bits, so its reply fitted into no
+    header.
+    """
     table: ReplyTable[str] = ReplyTable(1, 1000)
     for sequence in (2**63 - 1, 5):
         table.store(ask(sequence), "reply")

@@ -1,4 +1,4 @@
-"""The page that names the last durable record: read only as it was written, and what it agrees with."""
+"""The page that names the last durable record: it is read only if complete, and compared with the last record."""
 
 import hashlib
 from dataclasses import replace

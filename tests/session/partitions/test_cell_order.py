@@ -1,4 +1,4 @@
-"""Cells are sorted by their node tuples, however many begin with one node, and know where they came from."""
+"""Cells are sorted by their node tuples, also if many begin with the same node, and keep their origin."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Canonical order: the Morton curve, independent of the order nodes came in."""
+"""Canonical order: the Morton curve, independent of the input order of the nodes."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""Uploads: parts are appended, counted and checked when they come."""
+"""Uploads: parts are appended, counted and checked at their arrival."""
 
 from typing import Any
 

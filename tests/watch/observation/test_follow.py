@@ -1,4 +1,4 @@
-"""Following a history: nothing is missed and nothing comes twice, whatever the writer does meanwhile."""
+"""Following a history: no event is missed or repeated, for any actions of the writer."""
 
 import shutil
 from pathlib import Path
@@ -106,7 +106,7 @@ def test_in_brief_only_the_latest_events_have_their_worst_cells(tmp_path: Path, 
 
 
 def shaped(event: dict[str, Any]) -> dict[str, Any]:
-    """An event as the arguments of who writes it."""
+    """An event as the arguments of its writer."""
     values = {name: value for name, value in event.items() if name not in ("at", "event")}
     return {"at": event["at"], "event": event["event"], "values": values}
 

@@ -1,4 +1,4 @@
-"""Columns by step: what was given, what is thinned, what was made twice."""
+"""Columns by step: given values, thinned values, repeated steps."""
 
 import numpy as np
 import pytest

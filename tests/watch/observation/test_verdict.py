@@ -1,4 +1,4 @@
-"""The one line on how a session stands: a function of its history and the time, exact."""
+"""The one line about a session's state: a function of its history and the time, exact."""
 
 import time
 from collections.abc import Iterable
@@ -83,7 +83,7 @@ def test_stalled_after_ten_usual_pauses() -> None:
     assert found == Verdict("stalled", "bad", "no commit after step 8, usually one every 4 s", last)
     moved = {"at": last + 41, "event": "moved", "step": 9, "iteration": 5, "quality": {"threshold": 0.2}}
     recent.take(moved)
-    assert verdict(recent, last + 41.0).why.endswith("; trial 5 stands")
+    assert verdict(recent, last + 41.0).why.endswith("; trial 5 is open")
 
 
 def test_a_pause_of_a_quick_session_is_no_stall_and_a_first_step_may_take_its_time() -> None:
@@ -121,7 +121,7 @@ def test_what_ends_a_run(event: dict[str, Any], worker: str, kind: str, tone: st
 def test_nothing_is_known() -> None:
     assert verdict(Recent(), BEGIN) == Verdict("no mesh yet", "", "", 0.0)
     assert verdict(Recent(), BEGIN).line(BEGIN) == "no mesh yet"
-    assert server_gone(BEGIN).line(BEGIN + 3600.0) == "server gone for 60 min: what is shown is as it was then"
+    assert server_gone(BEGIN).line(BEGIN + 3600.0) == "server gone for 60 min: this is the last known state"
 
 
 def test_durations() -> None:

@@ -1,4 +1,4 @@
-"""What the tests of the page in a browser share."""
+"""Common parts of the tests of the page in a browser."""
 
 from collections.abc import Iterator
 

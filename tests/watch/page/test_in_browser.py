@@ -1,4 +1,6 @@
-"""The page as people see it, in headless Chromium: content, live, long runs, a dropped server, keys, contrast."""
+"""The page in headless Chromium, as users see it: content, live updates, long runs, a stopped server, keys,
+contrast.
+"""
 
 import fcntl
 import json
@@ -156,7 +158,7 @@ def test_keys_walk_lists_and_charts(tab: Browser, server: ServerProcess) -> None
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 @pytest.mark.parametrize("width", [1400, 360])
 def test_it_fits_the_screen_and_can_be_read(tab: Browser, server: ServerProcess, scheme: str, width: int) -> None:
-    # as high as the page, for only what is in sight is fetched and drawn
+    # as high as the page, because only visible parts are fetched and drawn
     show(tab, server, SHORT, width=width, height=1500 if width > 1000 else 3600, scheme=scheme)
     assert tab.run("return document.documentElement.scrollWidth") <= width
     low = tab.run(CONTRAST)

@@ -1,4 +1,4 @@
-"""What comes, goes and repeats while somebody looks: sessions that are discarded, refusals that are announced."""
+"""Changes while a user looks at the page: sessions that are discarded, refusals that are announced."""
 
 import json
 import shutil

@@ -1,6 +1,6 @@
-"""The page's process with a real server: where it listens, what it withstands, that it never outlives the server.
+"""The page's process with a real server: its address, its resistance to attacks, and its end with the server.
 
-``serve --monitor`` is what docs/monitor.md begins with.
+Test of ``serve --monitor``, the beginning of docs/monitor.md.
 """
 
 import contextlib
@@ -126,7 +126,7 @@ def test_an_address_that_others_reach_exits_78(tmp_path: Path) -> None:
 
 
 def test_the_page_ends_with_a_server_that_is_killed(server: ServerProcess) -> None:
-    """The last of this module: it ends the server."""
+    """The last test of this module, because it ends the server."""
     pid = page_process(server)
     os.kill(server.process.pid, signal.SIGKILL)
     wait_until(lambda: not alive(pid), "the page has ended")

@@ -1,4 +1,4 @@
-"""What goes wrong around the page in a browser: answers that fail or come late, many tabs, a page in the background."""
+"""Faults around the page in a browser: answers that fail or come late, many tabs, a page in the background."""
 
 import re
 import time
@@ -65,7 +65,7 @@ let failed = false;
 globalThis.fetch = async (path, options) => {
   if (failed || !path.includes(kind)) return asked(path, options);
   failed = true;
-  return new Response('{"message": "too many questions at a time"}', { status: 503 });
+  return new Response('{"message": "too many requests at a time"}', { status: 503 });
 };
 """
 

@@ -1,4 +1,4 @@
-"""What the page's server answers, and whom it refuses."""
+"""Answers and refusals of the page's server."""
 
 import asyncio
 import hashlib
@@ -30,7 +30,7 @@ BUILD = {"version": "1", "protocol": "1.0", "python": "3"}
 
 
 def test_the_page_makes_no_markup_of_text() -> None:
-    """What clients send becomes text of elements; the page's own sources have no other way."""
+    """Data of clients becomes text of elements; the page's own sources have no other way."""
     ways = ("innerHTML", "outerHTML", "insertAdjacentHTML", "document.write", "createContextualFragment", "eval(")
     for path in [*STATIC.glob("*.js"), *STATIC.glob("*.html")]:
         assert [way for way in ways if way in path.read_text("utf-8")] == [], path
@@ -77,7 +77,7 @@ def test_the_list_shows_what_folders_and_supervisor_know(tmp_path: Path) -> None
 
 
 def test_a_session_that_is_being_discarded_is_none_that_is_not_built_yet(tmp_path: Path) -> None:
-    """Its folder goes before its worker: for a moment it stood in the list without a label, and that stayed."""
+    """Its folder disappears before its worker: for a moment the list had it without a label, and kept that."""
     stored(tmp_path, 1)
     page = Page(tmp_path, BUILD)
     page.update({"missing": "", "sessions": [[SESSION, "alive", "READY", 1, 1], ["f" * 32, "alive", "OPENING", 0, 1]]})
@@ -94,7 +94,7 @@ def append(state: Path, *events: dict[str, Any]) -> None:
 
 
 def read_again(page: Page) -> Any:
-    """The list, not one that was made within the last second."""
+    """The current list, not one from the last second."""
     page._due = 0.0
     return asking_of(page).get("/api/sessions").json()
 
@@ -239,7 +239,7 @@ def test_lists_that_wait_are_bounded_and_hold_up_no_other_question(
     with ThreadPoolExecutor(3) as many:
         answers = [many.submit(asked.get, "/api/sessions") for _ in range(3)]
         refused = next(as_completed(answers)).result()
-        assert (refused.status_code, refused.json()["message"]) == (503, "too many questions at a time")
+        assert (refused.status_code, refused.json()["message"]) == (503, "too many requests at a time")
         assert asked.get(f"/api/sessions/{SESSION}").status_code == 200
         release.set()
     assert sorted(answer.result().status_code for answer in answers) == [200, 200, 503]

@@ -1,4 +1,4 @@
-"""Folders as ``mesh-motion play`` leaves them: a flag's history, and tiny meshes that move."""
+"""Folders like those of ``mesh-motion play``: a flag's history, and tiny meshes that move."""
 
 import json
 from collections.abc import Callable
@@ -15,7 +15,7 @@ MakePlayed = Callable[..., Path]
 
 
 def records(count: int) -> list[StepRecord]:
-    """A run whose quality goes up and down, lowest in step 3 at 0.05, corrected where it would be below 0.2."""
+    """A run whose quality rises and falls, lowest in step 3 at 0.05, corrected where it would be below 0.2."""
     plain = [0.5 - 0.1 * (n % 5) if n != 3 else 0.05 for n in range(1, count + 1)]
     return [
         StepRecord(

@@ -1,4 +1,4 @@
-"""Meshes before and after: which cells are drawn, in which colours, and what is marked."""
+"""Meshes before and after: drawn cells, their colours, and marks."""
 
 from collections.abc import Callable
 from dataclasses import replace

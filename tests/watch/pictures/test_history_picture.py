@@ -1,4 +1,4 @@
-"""What the history's figure draws, asked of its artists."""
+"""Content of the history's figure, read from its artists."""
 
 import json
 from collections.abc import Callable
@@ -92,7 +92,7 @@ def test_several_runs_have_a_colour_and_a_dash_each(played: MakePlayed) -> None:
 
 
 def inked(axes: Any, colour: Any) -> int:
-    """Pixels of a colour within a panel, as it comes out."""
+    """Pixels of a colour within a panel of the rendered picture."""
     axes.figure.set_dpi(300)
     canvas = FigureCanvasAgg(axes.figure)
     canvas.draw()

@@ -1,4 +1,4 @@
-"""No text from outside is markup, a hyperlink or a control sequence, whatever prints it; Rich has one door."""
+"""No text from outside is markup, a hyperlink or a control sequence in any output; only one module uses Rich."""
 
 import ast
 import io
@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from mesh_motion_server.commands import cli
+from mesh_motion_server.commands import outcome
 from mesh_motion_server.watch.terminal.console import Table, console, inert, progress_bar, working
 
 ROOT = Path(__file__).parents[3]
@@ -32,7 +32,7 @@ def harmless(text: str) -> str:
 
 
 def offences(source: str) -> Iterator[str]:
-    """Ways to Rich, or to Click's printing, that take text as it comes."""
+    """Uses of Rich, or of Click's printing, that take text unchanged."""
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.ImportFrom) and (node.module or "").partition(".")[0] == "rich":
             yield from (a.name for a in node.names if a.name not in _HARMLESS.get(node.module or "", ()))
@@ -95,8 +95,8 @@ def test_spinner_and_bar_show_a_text_as_it_is(text: str, monkeypatch: pytest.Mon
 
 @pytest.mark.parametrize("text", EVIL)
 def test_lines_of_commands_show_a_text_as_it_is(text: str, capsys: pytest.CaptureFixture[str]) -> None:
-    cli.say(text)
-    cli.complain(text)
+    outcome.say(text)
+    outcome.complain(text)
     shown = capsys.readouterr()
     assert shown.out == f"{harmless(text)}\n"
     assert shown.err == f"mesh-motion: {harmless(text)}\n"

@@ -1,4 +1,4 @@
-"""Sessions as a monitor reads them from their folders."""
+"""Sessions read by a monitor from their folders."""
 
 import shutil
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""Words of a terminal, and one look at the sessions as a table."""
+"""Text of a terminal, and one view of the sessions as a table."""
 
 import json
 import time
@@ -78,7 +78,7 @@ def test_the_verdict_is_the_first_thing_said_of_a_session(make_session: MakeSess
     assert values_of("state", look)["sessions"][0]["verdict"]["kind"] == "refused"
     rows = shown(without_server(look, time.time()))
     assert "server gone" in rows[2]
-    assert "what is shown is as it was then" in rows[5]
+    assert "this is the last known state" in rows[5]
 
 
 def test_a_long_list_shows_the_rows_around_the_chosen_one() -> None:

@@ -69,7 +69,7 @@ class Page {
 
   /** The state of a session: {kind, tone, why, since}. */
   verdictOf(session) {
-    return this.gone ? { kind: "server gone", tone: "bad", why: "what is shown is as it was then", since: this.gone } : session.verdict;
+    return this.gone ? { kind: "server gone", tone: "bad", why: "this is the last known state", since: this.gone } : session.verdict;
   }
 
   standing(gone, since, why) {

@@ -106,8 +106,8 @@ def bracketing_slopes(boundary: Floats, displacement: Floats, enrichment_points:
     outside = np.flatnonzero((right == 0) | (right == len(x)))
     if outside.size:
         raise InvalidInput(
-            f"enrichment point {outside[0]} at {enrichment_points[outside[0]]:g} lies between no two boundary nodes "
-            f"({x[0]:g} … {x[-1]:g})",
+            f"enrichment point {outside[0]} at {enrichment_points[outside[0]]:g} does not lie between two boundary "
+            f"nodes ({x[0]:g} … {x[-1]:g})",
             hint="the imposed gradient is the slope between the boundary nodes on either side",
         )
     slope: Floats = (d[right] - d[right - 1]) / (x[right] - x[right - 1])

@@ -1,4 +1,4 @@
-"""What all reduction algorithms promise, and how they differ (thesis §2.2.2, §2.2.3)."""
+"""Promises of all reduction algorithms, and their differences (thesis §2.2.2, §2.2.3)."""
 
 import numpy as np
 import pytest
@@ -54,7 +54,7 @@ def test_with_tolerance_zero_every_node_is_reproduced(name: str, boundary: str) 
 
 @pytest.mark.parametrize("name", GREEDY)
 def test_selection_is_monotone_without_duplicates_and_starts_at_the_largest_displacement(name: str) -> None:
-    """A prefix of the choice is what a smaller bound gives."""
+    """A smaller bound gives a prefix of the choice."""
     reduced, less = (REDUCTIONS[name](problem("wing", tolerance=0.0, max_points=m)) for m in (80, 40))
     of = problem("wing")
     assert len(np.unique(reduced.selected)) == len(reduced.selected) == 80

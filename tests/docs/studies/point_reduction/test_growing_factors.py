@@ -1,4 +1,4 @@
-"""Factors that grow with the points equal fresh ones; what is lost in rounding or too large is refused."""
+"""Factors that grow with the points equal new ones; factors that lose all digits or are too large are refused."""
 
 import numpy as np
 import pytest
@@ -38,7 +38,7 @@ def test_nodes_that_coincide_are_refused(name: str) -> None:
 
 
 def test_nothing_foreseen_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Looking ahead saves time only: one point at a time, or on a single node, the choice is the same."""
+    """Looking ahead only saves time: with one point at a time, or on a single node, the choice is the same."""
     of = problem("wing", tolerance=1e-2)
     expected = recurrence_cholesky.reduce(of)
     monkeypatch.setattr(recurrence_cholesky, "_AHEAD", 1)

@@ -42,7 +42,7 @@ def test_radii_are_separations_rounded_down() -> None:
 
 
 def test_a_greedy_base_set_leaves_the_added_functions_little() -> None:
-    """Weight over radius is the slope of a function: what costs mesh quality."""
+    """Weight divided by radius is the slope of a function, and steep slopes cost mesh quality."""
     of = problem("wing", tolerance=1e-3)
     steepest = {
         base: max(

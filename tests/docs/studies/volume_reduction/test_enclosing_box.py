@@ -1,4 +1,4 @@
-"""Outside the box nothing moves by a bit, and the box does not change while a step iterates."""
+"""Outside the box no bit changes, and the box stays the same during the iterations of a step."""
 
 from dataclasses import replace
 

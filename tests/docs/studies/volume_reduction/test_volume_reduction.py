@@ -1,4 +1,4 @@
-"""What all volume reductions have in common."""
+"""Common properties of all volume reductions."""
 
 import numpy as np
 import pytest

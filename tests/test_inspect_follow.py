@@ -1,4 +1,4 @@
-"""``mesh-motion monitor`` as a program: pipes, dumb terminals, a real terminal, a real server."""
+"""``mesh-motion inspect --follow`` as a program: pipes, dumb terminals, a real terminal, a real server."""
 
 import fcntl
 import json
@@ -40,9 +40,9 @@ def state(tmp_path: Path) -> Path:
 
 
 def run(*arguments: object, **environment: str) -> tuple[int, str, str]:
-    """Run it with pipes: status, output, errors."""
+    """Run the command with pipes; return status, output, errors."""
     done = subprocess.run(
-        [sys.executable, "-m", "mesh_motion_server", "monitor", *map(str, arguments)],
+        [sys.executable, "-m", "mesh_motion_server", "inspect", "--follow", *map(str, arguments)],
         capture_output=True,
         text=True,
         env=os.environ | environment,
@@ -82,8 +82,10 @@ def test_json_has_what_a_program_needs(state: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "status", "said"),
     [
-        (["/no/such/folder", "--once"], 69, "/no/such/folder: the folder is not there (yet)"),
-        (["tcp://127.0.0.1:7440", "--once"], 2, "expected the state folder of a server, not its endpoint"),
+        (["/no/such/folder"], 69, "/no/such/folder: the folder is not there (yet)"),
+        (["tcp://127.0.0.1:7440"], 2, "expected the state folder of a server, not its endpoint"),
+        (["--endpoint", "tcp://127.0.0.1:7440"], 2, "expected the state folder of a server, not its endpoint"),
+        (["{state}", "--step", "3"], 2, "give either --step or --follow"),
         (["{state}", "--session", "absent"], 4, "no session 'absent'; there are wing"),
     ],
 )
@@ -100,7 +102,7 @@ class Terminal:
         self._end, inner = pty.openpty()
         fcntl.ioctl(inner, termios.TIOCSWINSZ, struct.pack("HHHH", *size, 0, 0))
         self.process = subprocess.Popen(
-            [sys.executable, "-m", "mesh_motion_server", "monitor", *map(str, arguments)],
+            [sys.executable, "-m", "mesh_motion_server", "inspect", "--follow", *map(str, arguments)],
             stdin=inner,
             stdout=inner,
             stderr=inner,
@@ -126,7 +128,7 @@ class Terminal:
         os.write(self._end, keys.encode())
 
     def vanish(self) -> int:
-        """Close the terminal under it, without a signal; the exit status."""
+        """Close its terminal without a signal; return the exit status."""
         os.close(self._end)
         return self.process.wait(_PATIENCE)
 
@@ -153,7 +155,7 @@ def test_in_a_terminal_it_is_drawn_and_left(state: Path, leave: str | signal.Sig
 
 
 def test_without_its_terminal_it_ends(state: Path) -> None:
-    """It went on for ever, with a quarter of a core, behind a hangup that it had to ignore."""
+    """A former fault: after a hangup that it had to ignore, it ran for ever with a quarter of a core."""
     terminal = Terminal(state)
     terminal.until(" iterations, ")
     assert terminal.vanish() == 129
