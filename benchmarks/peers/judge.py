@@ -11,6 +11,7 @@ from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 
 import numpy as np
+from mesh_motion_numerics.correction.distortion import PNorm, corner_distortions, corner_simplices
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.mesh.finite_volume import FaceMeasures, face_measures
 from mesh_motion_numerics.quality.metrics import cell_quality, reference_sizes
@@ -19,6 +20,8 @@ from numpy.typing import NDArray
 from benchmarks.peers.task import Task
 
 __all__ = ["Judge", "Verdict"]
+
+_SHAPE = PNorm(1.0, 1.0, size_weight=0.0)  # −log of the shape
 
 Floats = NDArray[np.float64]
 
@@ -33,6 +36,9 @@ class Verdict:
         At the end.
     min_size, min_skew : float
         At the end.
+    min_shape : float
+        Smallest d det(T)^(2/d) / |T|² of T = A Aᵣ⁻¹, from the edges at a corner at rest to those at the end; 0 where a
+        cell is inverted.
     near_wall : float
         Minimum size-skew of the cells that touch the body, at the end.
     inverted : int
@@ -51,6 +57,7 @@ class Verdict:
     mean_size_skew: float
     min_size: float
     min_skew: float
+    min_shape: float
     near_wall: float
     inverted: int
     most_inverted: int
@@ -72,6 +79,7 @@ class Judge:
         self.task = task
         self.cells = CellTable.from_arrays(task.cells)
         self.reference = reference_sizes(task.points, self.cells)
+        self._corners = corner_simplices(task.points, self.cells, self.reference, at_rest=True)
         self._rest = self._faces(task.points)
         moving = np.isin(np.arange(len(task.points)), task.moving)
         self._touching = np.concatenate([moving[block.nodes].any(axis=1) for block in self.cells])
@@ -99,6 +107,7 @@ class Judge:
             mean_size_skew=float(size_skew.mean()),
             min_size=float(quality.size.min()),
             min_skew=float(quality.skew.min()),
+            min_shape=float(np.exp(-corner_distortions(positions, self._corners, _SHAPE).max())),
             near_wall=float(size_skew[self._touching].min()),
             inverted=inverted[-1],
             most_inverted=max(inverted),

@@ -13,8 +13,8 @@ from benchmarks.peers.systems import SYSTEMS
 __all__ = ["markdown", "write_report"]
 
 _HEAD = (
-    "| system | set-up s | step s | CPU s | MB | min size-skew | near the wall | mean size-skew | inverted cells |\n"
-    "|---|---:|---:|---:|---:|---:|---:|---:|---:|\n"
+    "| system | set-up s | step s | CPU s | MB | min shape | min size-skew | near the wall | mean | inverted |\n"
+    "|---|---:|---:|---:|---:|---:|---:|---:|---:|---:|\n"
 )
 
 
@@ -42,14 +42,15 @@ def _row(outcome: Outcome) -> str:
     label = SYSTEMS[outcome.system].label
     cost, verdict = outcome.measurement, outcome.verdict
     if cost is None or verdict is None:
-        return f"| {label} | {outcome.note} | | | | | | | |\n"
+        return f"| {label} | {outcome.note} | | | | | | | | |\n"
     inverted = f"{verdict.inverted}"
     if verdict.most_inverted > verdict.inverted:
         inverted += f" (worst step {verdict.most_inverted})"
     memory = cost.peak_bytes / 1e6
     return (
         f"| {label} | {cost.setup_seconds:.2g} | {_seconds(cost.step)} | {_seconds(cost.step_cpu)} | {memory:.0f} "
-        f"| {verdict.min_size_skew:.3f} | {verdict.near_wall:.3f} | {verdict.mean_size_skew:.3f} | {inverted} |\n"
+        f"| {verdict.min_shape:.3f} | {verdict.min_size_skew:.3f} | {verdict.near_wall:.3f} "
+        f"| {verdict.mean_size_skew:.3f} | {inverted} |\n"
     )
 
 

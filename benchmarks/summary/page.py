@@ -27,7 +27,8 @@ _FRONT_CASES = {
     "M1-T1-20": "slab in 2D, 723 nodes, 20 steps",
 }
 _FRONT_SYSTEMS = {
-    '**mesh-motion server**, `correction = "optimised"`': ("ours",),
+    "**mesh-motion server**, nothing set": ("ours",),
+    '**mesh-motion server**, `correction = "optimised"`': ("ours-optimised",),
     '**mesh-motion server**, `correction_target = "maximum"`': ("ours-maximum",),
     "plain RBF (dense numpy, all boundary nodes)": ("dense-rbf",),
     "OpenFOAM 1912 displacementLaplacian, converged": ("openfoam-converged",),
@@ -105,6 +106,7 @@ def _front_cell(evidence: Evidence, case: str, systems: tuple[str, ...]) -> str:
         return "not run"
     minimum = f"{best.verdict.min_size_skew:.3f}".replace("-", "−")
     minimum = f"**{minimum}**" if best.system.startswith("ours") else minimum
+    minimum += f" (shape {best.verdict.min_shape:.2f})"
     seconds = "" if case.endswith("-20") else f", {_seconds(best.measurement.step)} s"
     verdict = best.verdict
     faces = f"{verdict.non_orthogonality:.1f}°, {verdict.faces_above_65} and {verdict.faces_above_75} faces"
@@ -136,8 +138,8 @@ def write_plot(evidence: Evidence, out: Path) -> None:
 
 def fill_pages(evidence: Evidence) -> None:
     """Write the results into the README files and the documentation's plot."""
-    fill_block("aims", aims_table(evidence))
     if evidence.results.library:
+        fill_block("aims", aims_table(evidence))
         fill_block("scale", scale_tables(evidence.results))
         write_picture(evidence.results, _PICTURE, evidence.outcomes)
     if evidence.costs:

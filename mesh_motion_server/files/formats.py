@@ -25,7 +25,7 @@ _MESHED = "it has no cells of a volume: mesh the space around it, for example in
 _BY_GMSH = (
     "Gmsh reads it: gmsh FILE -save -format msh41 -o mesh.msh; pip install 'mesh-motion-server[mesh]' installs gmsh"
 )
-_BY_MFEM = "versions 1.0, 1.2 and 1.3 are read; MFEM refines, and Mesh::PrintVTK writes a mesh for other programs"
+_BY_MFEM = "versions 1.0, 1.2 and 1.3 are read; Mesh::PrintVTK of MFEM writes a mesh for other programs"
 _BY_PARAVIEW = "ParaView reads it: filter Merge Blocks, then File, Save Data, with the ending .vtu"
 _BY_MESHIO = "meshio reads it: pip install meshio, meshio convert FILE mesh.vtu"
 _BY_ITS_PROGRAM = "its program exports formats that are read, for example CGNS or Fluent's .msh"

@@ -31,6 +31,14 @@ def test_a_mesh_at_rest_has_size_one_and_the_skew_of_its_triangles() -> None:
     assert (verdict.inverted, verdict.most_inverted, verdict.boundary_error) == (0, 0, 0)
 
 
+def test_the_shape_is_compared_with_the_cells_at_rest() -> None:
+    judge = Judge(task((0, 0)))
+    assert judge.verdict([POINTS]).min_shape == pytest.approx(1)
+    # the flattest triangle has two fifths of its height at rest: T = diag(1, 0.4)
+    assert judge.verdict([positions((0.5, 0.2))]).min_shape == pytest.approx(2 * 0.4 / (1 + 0.4**2))
+    assert judge.verdict([positions((0.5, -0.25))]).min_shape == 0
+
+
 def test_faces_are_judged_at_the_end_and_at_rest() -> None:
     verdict = Judge(task((0, 0))).verdict([positions((0.5, 0.2))])
     assert verdict.rest_non_orthogonality == pytest.approx(0.0, abs=1e-5)

@@ -44,7 +44,7 @@ def figures(nodes: int, step: float) -> Figures:
 
 def outcome(case: str, system: str, seconds: float, minimum: float = 0.1) -> Outcome:
     inverted = 3 if minimum < 0 else 0
-    verdict = Verdict(minimum, 0.7, minimum, minimum, minimum, inverted, inverted, 0.0, 66.04, 24.0, 2, inverted)
+    verdict = Verdict(minimum, 0.7, *[minimum] * 4, inverted, inverted, 0.0, 66.04, 24.0, 2, inverted)
     return Outcome(case, system, Measurement(1.0, [seconds], [2 * seconds], 10**8), verdict, "", 0.0)
 
 

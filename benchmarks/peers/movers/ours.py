@@ -31,12 +31,7 @@ class MotionModelMover:
     def __init__(self, task: Task, *, solver: str = "", **options: Any) -> None:
         patches = {"moving": Patch("moving", task.moving), "fixed": Patch("fixed", task.fixed)}
         self.task = task
-        self.model = MotionModel.build(
-            task.points,
-            CellTable.from_arrays(task.cells),
-            patches,
-            Method(**{"quality_metric": "size-skew", **options}),
-        )
+        self.model = MotionModel.build(task.points, CellTable.from_arrays(task.cells), patches, Method(**options))
         if solver:
             self.model = in_one_scale(self.model, solver)
         self.committed = task.points
