@@ -147,9 +147,13 @@ def write_durably(files: FileSystem, handle: int, data: bytes) -> None:
         files.close(handle)
 
 
+#: The path has no file, or a folder.
+_REPLACED = (errno.ENOENT, errno.EISDIR)
+
+
 def unreadable(what: str, error: OSError) -> DataLoss:
-    """Make the error for a failed read: nothing is known to be lost, unless the file itself is missing."""
-    if isinstance(error, FileNotFoundError):
+    """Make the error for a failed read: nothing is known to be lost, unless the file is missing or replaced."""
+    if error.errno in _REPLACED:
         missing = f"{os.path.basename(os.fsdecode(error.filename))}: " if error.filename else ""
         return DataLoss(f"{what} cannot be read: {missing}{error.strerror or error}")
     return disk_failure(
