@@ -79,8 +79,8 @@ _COLUMNS = (
 )
 _TABLE = (
     "Largest change of a layer node's distance from the wall, and of the angle between a column's edges and the wall's "
-    "normal; smallest size-skew outside the layer and of all cells, all over several positions; CPU time of these "
-    "motions divided by that without a carried layer."
+    "normal, without columns at edges of the wall; smallest size-skew outside the layer and of all cells, all over "
+    "several positions; CPU time of these motions divided by that without a carried layer."
 )
 _CAPTION = "The tip of the flag at + 80 mm, without and with the layer carried."
 
