@@ -147,7 +147,7 @@ def test_a_restart_from_an_earlier_time_begins_a_new_session(make_case):
     case.run("moveDynamicMesh")
     shutil.rmtree(case.folder / "0.2")
     output = case.run("moveDynamicMesh")
-    assert "cannot be resumed: it has gone on since" in output
+    assert "cannot be resumed: it has continued since" in output
     assert "a new session" in output
     case.run("checkMesh", "-latestTime")
     assert "Mesh OK." in case.output
