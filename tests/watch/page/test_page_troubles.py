@@ -75,10 +75,10 @@ def test_what_failed_is_asked_again(tab: Browser, server: ServerProcess, kind: s
     show(tab, server, SHORT)
     tab.run(FAILING, kind)
     tab.run("globalThis.monitor.choose(arguments[0])", THIRD)
-    tab.wait(lambda: "too many questions" in tab.text(where), "it is shown")
+    tab.wait(lambda: "too many requests" in tab.text(where), "it is shown")
     shown = "const m = globalThis.monitor; return m.history.columns.step.length === 40 && !m.mesh.picture.hidden"
     tab.wait(lambda: tab.run(shown), "charts and mesh come later")
-    tab.wait(lambda: "too many questions" not in tab.text(where), "nothing is wrong any more")
+    tab.wait(lambda: "too many requests" not in tab.text(where), "nothing is wrong any more")
 
 
 def test_more_tabs_than_a_browser_has_lines_are_all_filled(tab: Browser, server: ServerProcess) -> None:
@@ -136,5 +136,5 @@ def test_a_page_in_the_background_asks_nothing(tab: Browser, server: ServerProce
 def test_a_server_that_refuses_the_list_is_reported_with_its_reason(tab: Browser, server: ServerProcess) -> None:
     show(tab, server, SHORT)
     tab.run(FAILING, "api/sessions")
-    tab.wait(lambda: "refuses this page: too many questions" in tab.text("#gone"), "the reason is shown")
+    tab.wait(lambda: "refuses this page: too many requests" in tab.text("#gone"), "the reason is shown")
     tab.wait(lambda: tab.text("#gone") == "", "nothing is wrong any more")
