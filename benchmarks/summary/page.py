@@ -95,7 +95,7 @@ def _front_note(evidence: Evidence) -> str:
         "Second line: the largest non-orthogonality, as OpenFOAM's `checkMesh` has it, and the faces above 65° and 75°."
     )
     before = "; ".join(f"{', '.join(name.split(', ')[:2])}: {angle:.1f}°" for name, angle in rest.items())
-    return f"{text} At rest ({before})." if before else text
+    return f"{text}\nAt rest ({before})." if before else text
 
 
 def _front_cell(evidence: Evidence, case: str, systems: tuple[str, ...]) -> str:
