@@ -90,6 +90,12 @@ class CentreLayout:
         )
         return np.flatnonzero(inside)
 
+    def product(self, basis: Basis, support_radius: float, points: Floats, vectors: Floats) -> Floats:
+        """(n, k) sums Σ_j φ(|x − x_j| / R) v_j at padded points (n, 3), with vectors (nc, k) in the layout's order."""
+        out, rows = np.empty((len(points), vectors.shape[1])), np.ascontiguousarray(vectors.T)
+        kernels.sum_values(basis.code, points, self.coordinates, rows, 1.0 / support_radius, *self.grid, out)
+        return out
+
     def small_cells(self, side: float) -> HashedCells:
         """The sorted centres by cells of another side, cached."""
         if side not in self._by_side:

@@ -25,7 +25,9 @@ def carried_slope(layer: BoundaryLayer, moved: Floats) -> csr_array:
     """(l d, w d) derivative of :meth:`.BoundaryLayer.carried` by the wall's nodes, which are at ``moved`` (n, d)."""
     wall, (corners, weights), offsets = layer.wall, layer.tied.places, layer.tied.offsets
     at, (n, d) = moved[wall.nodes], offsets.shape
-    turned = np.einsum("ljab,lb->lja", wall.deformations(at)[corners], offsets)
+    weighting, sums = wall.deformation_sums(at)
+    deformations = np.asarray(np.linalg.solve(weighting, sums), dtype=np.float64)
+    turned = np.einsum("ljab,lb->lja", deformations[corners], offsets)
     lengths = np.linalg.norm(turned, axis=2)
     directions = np.divide(turned, lengths[:, :, None], out=np.zeros_like(turned), where=lengths[:, :, None] > 0.0)
     mean, distance = np.einsum("lj,lja->la", weights, turned), layer.distances(turned)
@@ -47,13 +49,14 @@ def carried_slope(layer: BoundaryLayer, moved: Floats) -> csr_array:
     of_deformations = np.einsum("lj,ljac,lb->lajcb", weights, of_turned, offsets)  # by the corners' deformations
     directly = _sparse(of_places, n, corners, len(wall.nodes))
     deformed = _sparse(of_deformations.reshape(n, d, d, d * d), n, corners, len(wall.nodes))
-    return csr_array(directly + deformed @ _deformations_slope(wall, at))
+    return csr_array(directly + deformed @ _deformations_slope(wall, at, weighting, deformations))
 
 
-def _deformations_slope(wall: MovingWall, moved: Floats) -> csr_array:
-    """(w d d, w d) derivative of :meth:`.MovingWall.deformations` at ``moved`` (w, d).
+def _deformations_slope(wall: MovingWall, moved: Floats, weighting: Floats, deformations: Floats) -> csr_array:
+    """(w d d, w d) derivative of :meth:`.MovingWall.deformations` G (w, d, d) at ``moved`` (w, d).
 
-    Each node's G = A⁻¹ B is a function of sums over its facets, so its derivative A⁻¹ (dB − dA G) is one, too.
+    ``weighting`` is A (w, d, d). Each node's G = A⁻¹ B is a function of sums over its facets, so its derivative
+    A⁻¹ (dB − dA G) is one, too.
     """
     now, d, (inverse, angles) = moved[wall.simplices], moved.shape[1], wall.at_rest
     own, own_slope = facet_frames(now), _frames_slope(now)
@@ -65,9 +68,7 @@ def _deformations_slope(wall: MovingWall, moved: Floats) -> csr_array:
 
     # incidences of facets and nodes: row s d + i is the facet s and its corner i
     nodes, of_facet = wall.simplices.ravel(), np.repeat(np.arange(len(now)), d)
-    weighting, sums = wall.deformation_sums(moved)
-    solved = np.linalg.solve(weighting, sums)[nodes]
-    slope = slope_of_sums[of_facet] - np.einsum("qxyjc,qye->qxejc", weighting_slope[of_facet], solved)
+    slope = slope_of_sums[of_facet] - np.einsum("qxyjc,qye->qxejc", weighting_slope[of_facet], deformations[nodes])
     slope = np.einsum("q,qax,qxejc->qaejc", angles.ravel(), np.linalg.inv(weighting)[nodes], slope)
     return _sparse(slope.reshape(len(nodes), d * d, d, d), nodes, np.repeat(wall.simplices, d, axis=0), len(moved))
 

@@ -10,7 +10,6 @@ G. H. Golub, C. F. Van Loan, *Matrix Computations*, 4th ed., §5.2.3 (block refl
 Functions*, Cambridge 2003, ch. 5 (conditional definiteness).
 """
 
-import mesh_motion_kernels as kernels
 import numpy as np
 from scipy.linalg import solve_triangular
 
@@ -61,11 +60,8 @@ class NullSpaceCholesky:
 
     def _multiply(self, vectors: Floats) -> Floats:
         """(nc, k) product of the interpolation matrix."""
-        layout, out = self._layout, np.empty(vectors.shape)
         # a basis without compact support: the layout has the order of the points
-        rows, scale = np.ascontiguousarray(vectors.T), 1.0 / self._radius
-        kernels.sum_values(self._basis.code, self._points, layout.coordinates, rows, scale, *layout.grid, out)
-        return out
+        return self._layout.product(self._basis, self._radius, self._points, vectors)
 
     def _two_sided_correction(self) -> Floats:
         """W with ``Qᵀ φ Q = φ − W Vᵀ − V Wᵀ``."""

@@ -8,7 +8,6 @@ Because of rounding the recurrences' residual drifts from the true one. So the t
 the system is solved for it again as long as that helps.
 """
 
-import mesh_motion_kernels as kernels
 import numpy as np
 from mesh_motion_protocol.errors import QualityRefused
 
@@ -95,10 +94,7 @@ class ConjugateGradients:
 
     def _apply(self, vectors: Floats) -> Floats:
         """(n, k) product with the matrix, rows in the layout's order."""
-        layout, out = self._layout, np.empty(vectors.shape)
-        rows, scale = np.ascontiguousarray(vectors.T), 1.0 / self._radius
-        kernels.sum_values(self._basis.code, self._points, layout.coordinates, rows, scale, *layout.grid, out)
-        return out
+        return self._layout.product(self._basis, self._radius, self._points, vectors)
 
     def _conjugate_gradients(self, rhs: Floats, scale: Floats) -> Floats:
         """(n, k) solution for ``rhs`` to the tolerance times ``scale``, or as well as rounding allows."""
