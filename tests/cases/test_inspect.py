@@ -17,8 +17,9 @@ def client_mesh(path: Path) -> Mesh:
 def test_the_sessions_of_a_server_are_listed(make_case, server: Server) -> None:
     with server.open(client_mesh(make_case().parent / "mesh.npz"), label="of a test") as session:
         found = list_sessions(server.endpoint, 10.0)
-        assert [s["label"] for s in found.values["sessions"]] == ["of a test"]
-        assert found.table.row_count == 1
+        listed = [s["label"] for s in found.values["sessions"]]  # tests that share the server may leave sessions
+        assert listed.count("of a test") == 1
+        assert found.table.row_count == len(listed)
         session.close("discard")
 
 
