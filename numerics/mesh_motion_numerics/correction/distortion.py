@@ -30,7 +30,7 @@ V. Garanzha et al., Foldover-free maps in 50 lines of code, ACM Trans. Graph. 40
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import mesh_motion_kernels as kernels
@@ -127,20 +127,14 @@ class CornerSimplices:
         angles = self.angles[rows] if len(self.angles) else self.angles
         return CornerSimplices(self.nodes[rows], self.ideal[rows], offset, angles)
 
-    def with_angles(self, reference: Floats, counted: Marks) -> CornerSimplices:
-        """Return the corners, with angles that count relative to ``reference`` (n, d) for the ``counted`` (c,) corners.
-
-        The angles of a corner that is degenerate at rest do not count.
-        """
-        edges = reference[self.nodes[:, 1:]] - reference[self.nodes[:, :1]]
-        lengths, dets = np.linalg.norm(edges, axis=2).prod(axis=1), np.abs(np.linalg.det(edges))
-        counted = counted & (dets > _DEGENERATE * lengths)
-        oblique = np.log(np.divide(lengths, dets, where=counted, out=np.ones(len(self))))
-        return replace(self, angles=np.where(counted, np.maximum(oblique, 0.0), -1.0))
-
 
 def corner_simplices(
-    reference: Floats, cells: CellTable, reference_sizes: AtRest, *, at_rest: bool = False
+    reference: Floats,
+    cells: CellTable,
+    reference_sizes: AtRest,
+    *,
+    at_rest: bool = False,
+    angles: bool = False,
 ) -> CornerSimplices:
     """All corner simplices of some cells.
 
@@ -152,6 +146,8 @@ def corner_simplices(
         Σ_k det A_k of each cell in the reference mesh: the ideal size.
     at_rest : bool
         Measure triangles and tetrahedra against themselves at rest, too.
+    angles : bool
+        The angles of quads and hexahedra count, but not those of a corner that is degenerate at rest.
 
     Notes
     -----
@@ -160,7 +156,7 @@ def corner_simplices(
     rest is measured against itself: a higher skew of a boundary layer's cells would destroy the layer. Other cells are
     always measured against their own corners, because a boundary layer's quads are flat on purpose.
     """
-    nodes, ideals, offsets = [], [], []
+    nodes, ideals, offsets, rest_angles = [], [], [], []
     all_sizes, skews = sizes_of(reference_sizes), skews_of(reference_sizes)
     for block, rows in cells.numbered:
         corners = block.nodes[:, block.type.corner_array]  # (m, k, d + 1)
@@ -171,31 +167,34 @@ def corner_simplices(
             itself = skews[rows] < _FLAT_SKEW
             offset = np.where(itself, 0.0, np.log(skews[rows]))
         sizes = np.repeat(all_sizes[rows] / count, count)
-        ideals.append(_ideal_maps(reference, nodes[-1], sizes, block.type, np.repeat(itself, count)))
+        ideal, oblique = _ideal_maps(reference, nodes[-1], sizes, block.type, np.repeat(itself, count))
+        ideals.append(ideal)
         offsets.append(np.repeat(offset, count))
+        rest_angles.append(oblique if block.type.is_box else np.full(len(oblique), -1.0))
     return CornerSimplices(
-        np.concatenate(nodes), np.concatenate(ideals), None if skews is None else np.concatenate(offsets)
+        np.concatenate(nodes),
+        np.concatenate(ideals),
+        None if skews is None else np.concatenate(offsets),
+        np.concatenate(rest_angles) if angles else np.empty(0),
     )
 
 
 def _ideal_maps(
     reference: Floats, corners: NDArray[np.int32], dets: Floats, cell_type: CellType, itself: Marks
-) -> Floats:
-    """(c, d, d) maps P of the corners (c, d + 1) of one cell type.
+) -> tuple[Floats, Floats]:
+    """(c, d, d) maps P of the corners (c, d + 1) of one cell type, and their obliqueness (c,) at rest.
 
     P comes from the type's ideal with determinants ``dets`` (c,), or from the reference corner where ``itself`` (c,).
+    The obliqueness is negative where the reference corner is degenerate.
     """
     w, d = cell_type.ideal_array, cell_type.dimension
-    scale = (abs(np.linalg.det(w)) / np.abs(dets)) ** (1 / d)
-    ideal: Floats = scale[:, None, None] * np.linalg.inv(w)
-    if not itself.any():
-        return ideal
-    edges = np.swapaxes(reference[corners[:, 1:]] - reference[corners[:, :1]], 1, 2)
-    lengths = np.linalg.norm(edges, axis=1).prod(axis=1)
+    ideal, oblique = np.empty((len(corners), d, d)), np.empty(len(corners))
     least = 0.0 if cell_type.is_simplex else _DEGENERATE
-    itself = itself & (np.linalg.det(edges) > least * lengths)
-    ideal[itself] = np.linalg.inv(edges[itself])
-    return ideal
+    kernels.corner_maps(np.ascontiguousarray(reference), corners, least, ideal, oblique)
+    other = np.flatnonzero(~itself | (oblique < 0.0))
+    scale = (abs(np.linalg.det(w)) / np.abs(dets[other])) ** (1 / d)
+    ideal[other] = scale[:, None, None] * np.linalg.inv(w)
+    return ideal, oblique
 
 
 def mean_distortion(points: Floats, simplices: CornerSimplices, norm: PNorm) -> tuple[float, Floats]:

@@ -7,7 +7,7 @@ any number of threads.
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import mesh_motion_kernels as kernels
@@ -191,7 +191,7 @@ def free_region(
     free: Marks,
     *,
     chosen: Marks | None = None,
-    corners: CornerSimplices | None = None,
+    at_rest: bool = False,
 ) -> FreeRegion:
     """Cut the region of the free nodes out of the mesh.
 
@@ -204,8 +204,8 @@ def free_region(
         At least one node is free, and each belongs to a cell.
     chosen : (m,) bool array, optional
         Cells of the region; by default all that touch a free node.
-    corners : CornerSimplices, optional
-        The corner simplices of the whole mesh; without them the region's are made.
+    at_rest : bool
+        Measure all corners against themselves at rest, and count the angles of quads and hexahedra.
     """
     chosen = cells_of_nodes(cells, free) if chosen is None else chosen
     marked = nodes_of_cells(cells, chosen, len(free))
@@ -214,14 +214,11 @@ def free_region(
     n_free = int(np.count_nonzero(free))
     local = np.empty(len(free), dtype=np.int64)
     local[nodes] = np.arange(len(nodes))
-    table = CellTable.from_arrays({block.type.name: local[block.nodes[chosen[span]]] for block, span in cells.numbered})
+    part = cells.chosen(chosen)
+    table = CellTable.from_arrays({block.type.name: local[block.nodes] for block in part})
     sizes = reference_sizes[chosen]
     sizes = sizes.of_nodes(nodes) if isinstance(sizes, CellsAtRest) else sizes
-    if corners is None:
-        simplices = corner_simplices(reference[nodes], table, sizes)
-    else:
-        simplices = corners.of(np.flatnonzero(np.repeat(chosen, cells.corner_counts)))
-        simplices = replace(simplices, nodes=local[simplices.nodes].astype(np.int32))
+    simplices = corner_simplices(reference[nodes], table, sizes, at_rest=at_rest, angles=at_rest)
     adjacency = NodeAdjacency(*kernels.node_adjacency(simplices.nodes, n_free, len(nodes), _diagonals(table)))
     return FreeRegion(nodes, n_free, np.flatnonzero(chosen), table, sizes, simplices, adjacency)
 

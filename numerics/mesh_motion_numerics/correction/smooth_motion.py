@@ -55,8 +55,8 @@ from mesh_motion_numerics.correction.distortion import (
 from mesh_motion_numerics.correction.free_region import free_region
 from mesh_motion_numerics.correction.part_of_mesh import Elsewhere
 from mesh_motion_numerics.correction.smooth_region import ROUGH, SmoothRegion
-from mesh_motion_numerics.mesh.cells import CellTable, CellType
-from mesh_motion_numerics.quality.metrics import reference_sizes
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.quality.metrics import corner_quality, reference_sizes
 from mesh_motion_numerics.stopwatch import check_time
 
 __all__ = ["FAR", "RAMP", "RINGS", "Law", "SmoothMotion", "Smoothed", "onset_of"]
@@ -193,13 +193,6 @@ class SmoothMotion:
         return reference_sizes(self.reference, self.cells)
 
     @cached_property
-    def corners(self) -> CornerSimplices:
-        """The corner simplices; the angles of quads and hexahedra count."""
-        simplices = corner_simplices(self.reference, self.cells, self._sizes, at_rest=True)
-        boxes = np.concatenate([np.full(len(block), _is_box(block.type)) for block in self.cells])
-        return simplices.with_angles(self.reference, np.repeat(boxes, self.cells.corner_counts))
-
-    @cached_property
     def _extent(self) -> float:
         return float(np.ptp(self.reference, axis=0).max())
 
@@ -253,25 +246,40 @@ class SmoothMotion:
             return None
         key = np.packbits(marked).tobytes()
         if self._last is None or self._last[0] != key:
-            free = free_region(self.reference, self.cells, self._sizes, marked, corners=self.corners)
+            free = free_region(self.reference, self.cells, self._sizes, marked, at_rest=True)
             constraint = None if self.constraint is None else self.constraint.of(free)
             self._last = key, SmoothRegion.build(free, constraint, self.reference)
         return self._last[1].with_activation(sigma)
 
     def activations(self, plain: Floats) -> list[Floats]:
         """σ (n,) of the plain mesh (n, d) before and after each ring, equal for images; none if all are 0."""
-        distortion = corner_distortions(plain, self.corners, self.law.norm)
+        simplices = self.distorted_corners(plain)
+        if simplices is None:
+            return []
+        distortion = corner_distortions(plain, simplices, self.law.norm)
         x = np.clip((np.minimum(distortion, FAR) - self.law.onset) / RAMP, 0.0, 1.0)
         active = np.flatnonzero(x)
         if not len(active):
             return []
-        x, corners = x[active], self.alike[self.corners.nodes[active]]
+        x, corners = x[active], self.alike[simplices.nodes[active]]
         calm = np.ones(len(plain))
         np.multiply.at(calm, corners, (1.0 - x**3 * (10.0 + x * (6.0 * x - 15.0)))[:, None])
         found = [1.0 - calm]
         for _ in range(RINGS):
             found.append(found[-1] + (1.0 - found[-1]) * (self.averages @ found[-1]))
         return found
+
+    def distorted_corners(self, plain: Floats) -> CornerSimplices | None:
+        """The corners of cells that resist in the plain mesh (n, d), and of some others; None if no cell resists.
+
+        Nothing is stored for the other cells: in a large mesh the maps of all corners would take most of the memory.
+        """
+        limit = math.exp(-self.law.onset) * (1.0 + 1e-9)  # far above the rounding
+        marked = corner_quality(plain, self.cells, self.reference) < limit
+        if not marked.any():
+            return None
+        sizes = self._sizes[marked]
+        return corner_simplices(self.reference, self.cells.chosen(marked), sizes, at_rest=True, angles=True)
 
     @cached_property
     def alike(self) -> Integers:
@@ -285,8 +293,9 @@ class SmoothMotion:
         """(n, n) matrix of the mean over a node's neighbours, weighted by the number of shared corners."""
         n = len(self.reference)
         pairs = csr_matrix((n, n))
-        for first in range(0, len(self.corners), _CHUNK):
-            nodes = self.alike[self.corners.nodes[first : first + _CHUNK]].astype(np.int32)
+        corners = self.cells.corner_nodes
+        for first in range(0, len(corners), _CHUNK):
+            nodes = self.alike[corners[first : first + _CHUNK]].astype(np.int32)
             k = nodes.shape[1]
             one, other = np.repeat(nodes, k, axis=1).ravel(), np.tile(nodes, (1, k)).ravel()
             apart = one != other
@@ -407,8 +416,3 @@ class SmoothMotion:
         arrays = points, simplices.nodes, simplices.ideal, simplices.angles, slope, bend
         kernels.corner_hessians(*arrays, self.law.norm.m, self.law.norm.size_weight, exact, blocks)
         return blocks
-
-
-def _is_box(kind: CellType) -> bool:
-    """Whether a cell type is the quad or the hexahedron."""
-    return not kind.is_simplex and len(kind.corners) == 2**kind.dimension

@@ -19,7 +19,7 @@ from functools import cached_property
 import numpy as np
 from mesh_motion_protocol.errors import QualityRefused
 
-from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_numerics.arrays import Floats, Integers, Shorts
 from mesh_motion_numerics.correction.distortion import corner_distortions, distortion_gradient
 from mesh_motion_numerics.correction.smooth_motion import FAR, RAMP, RINGS, SmoothMotion
 from mesh_motion_numerics.correction.smooth_region import PENALTY, SmoothRegion
@@ -187,16 +187,19 @@ class SmoothSlope:
         return np.asarray(by_sigma[:, None] * (self.points[free] - self.plain[free]))
 
     @cached_property
-    def _ramp(self) -> tuple[Integers, Floats, Floats]:
-        """The corners (c,) whose activation varies, dx/df of log(1 − s(x)) and their distortion's gradients by node."""
+    def _ramp(self) -> tuple[Shorts, Floats, Floats]:
+        """The nodes (c, d + 1) of corners whose activation varies, dx/df of log(1 − s(x)), gradients of f by node."""
         motion = self.motion
-        distortion = np.minimum(corner_distortions(self.plain, motion.corners, motion.law.norm), FAR)
+        simplices = motion.distorted_corners(self.plain)
+        assert simplices is not None  # as for a region
+        distortion = np.minimum(corner_distortions(self.plain, simplices, motion.law.norm), FAR)
         x = (distortion - motion.law.onset) / RAMP
         rows = np.flatnonzero((x > 0.0) & (x < 1.0))
         x = x[rows]
         slope = 30.0 * x**2 * (1.0 - x) ** 2 / RAMP / (1.0 - x**3 * (10.0 + x * (6.0 * x - 15.0)))
-        gradients = distortion_gradient(self.plain, motion.corners.of(rows), np.ones(len(rows)), motion.law.norm)
-        return rows, slope, gradients
+        varying = simplices.of(rows)
+        gradients = distortion_gradient(self.plain, varying, np.ones(len(rows)), motion.law.norm)
+        return varying.nodes, slope, gradients
 
     @cached_property
     def _sigma(self) -> list[Floats]:
@@ -210,8 +213,7 @@ class SmoothSlope:
 
     def _activated(self, change: Floats, later: float) -> Floats:
         """(n,) dσ for dp (n, d) and for a change of the distortion at which cells begin to resist."""
-        rows, slope, gradients = self._ramp
-        nodes, alike = self.motion.corners.nodes[rows], self.motion.alike
+        (nodes, slope, gradients), alike = self._ramp, self.motion.alike
         of_corner = slope * (np.einsum("cai,cai->c", gradients, change[nodes]) - later)
         sigma = np.zeros(len(change))
         np.add.at(sigma, alike[nodes], of_corner[:, None])
@@ -222,8 +224,7 @@ class SmoothSlope:
 
     def _activated_transposed(self, weights: Floats) -> tuple[Floats, float]:
         """The transpose: derivatives by dp (n, d) and by the onset's change, for weights (n,) of dσ."""
-        rows, slope, gradients = self._ramp
-        nodes, alike = self.motion.corners.nodes[rows], self.motion.alike
+        (nodes, slope, gradients), alike = self._ramp, self.motion.alike
         sigma: Floats = np.bincount(alike, weights=weights, minlength=len(weights)).astype(np.float64)
         for calm, calm_about in reversed([*self._rings()]):
             sigma = sigma * calm_about + self.motion.averages.T @ (calm * sigma)

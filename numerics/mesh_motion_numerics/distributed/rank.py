@@ -131,7 +131,7 @@ class Rank:
         quality = cell_quality(positions, self._cells, self._at_rest)
         interior = len(self._points) - len(self.nodes)
         if extent.metric == WORST_CORNER:
-            values = corner_quality(positions, self._cells, self._at_rest)
+            values = corner_quality(positions, self._cells, self._at_rest.points)
         else:
             values = signed(quality, extent.metric)
         return region_fields(self._points, positions, self._given, quality, values, extent, around, interior=interior)

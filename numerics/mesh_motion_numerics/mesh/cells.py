@@ -60,6 +60,11 @@ class CellType:
         """Whether one Jacobian determines the cell's shape."""
         return self.n_nodes == self.dimension + 1
 
+    @property
+    def is_box(self) -> bool:
+        """Whether the cell is a quad or a hexahedron."""
+        return not self.is_simplex and len(self.corners) == 2**self.dimension
+
     @cached_property
     def corner_array(self) -> Integers:
         """(n_corners, dimension + 1) local node numbers."""
@@ -229,6 +234,16 @@ class CellTable:
     def nodes(self) -> tuple[Shorts, ...]:
         """Nodes (m, n_nodes) of each block, contiguous, as the compiled loops take them."""
         return tuple(np.ascontiguousarray(block.nodes) for block in self.blocks)
+
+    @cached_property
+    def corner_nodes(self) -> Shorts:
+        """(c, d + 1) nodes of the corner simplices, cell by cell."""
+        corners = [block.nodes[:, block.type.corner_array].reshape(-1, self.dimension + 1) for block in self]
+        return np.concatenate(corners)
+
+    def chosen(self, marked: NDArray[np.bool_]) -> CellTable:
+        """The marked (m,) cells, at least one."""
+        return CellTable.from_arrays({block.type.name: block.nodes[marked[span]] for block, span in self.numbered})
 
     @property
     def corner_counts(self) -> Integers:

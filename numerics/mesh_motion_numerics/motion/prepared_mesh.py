@@ -172,7 +172,7 @@ class PreparedMesh:
         smooth, layer = self.smooth, self.carrying_layers.layer
         if smooth is None or not len(self.roles.fixed):
             return None
-        simplices = smooth.corners.nodes
+        simplices = self.cells.corner_nodes
         found = (
             winding_body(self.points, simplices, self.roles.moving[body.rows], body.rows, self.roles.fixed)
             for body in self.bodies

@@ -322,15 +322,16 @@ def subset_quality(
     return out
 
 
-def corner_quality(points: NDArray[np.floating], cells: CellTable, rest: CellsAtRest) -> Floats:
+def corner_quality(points: NDArray[np.floating], cells: CellTable, reference: Floats) -> Floats:
     """(m,) quality of each cell's worst corner relative to rest: shape · √size, for quads and hexahedra also angles.
 
-    A cell without a corner below ``exp(−f)`` has no distortion above f in the smooth correction; its metric has the
-    name :data:`WORST_CORNER` in the choice of regions.
+    The nodes are at ``points`` (n, d), and at ``reference`` (n, d) at rest. A cell without a corner below ``exp(−f)``
+    has no distortion above f in the smooth correction; its metric has the name :data:`WORST_CORNER` in the choice of
+    regions. It is 0 for a corner that is degenerate at rest.
     """
     positions, out = as_positions(points, cells.dimension), np.empty(len(cells))
     for block, rows in cells.numbered:
-        kernels.corner_quality(positions, rest.points, np.ascontiguousarray(block.nodes), out[rows])
+        kernels.corner_quality(positions, reference, np.ascontiguousarray(block.nodes), out[rows])
     return out
 
 

@@ -22,6 +22,7 @@ void bind_correction(nanobind::module_& m) {
     bind(m, "cell_gradients", cell_gradients);
     bind(m, "corner_blocks", corner_blocks);
     bind(m, "corner_hessians", corner_hessians);
+    bind(m, "corner_maps", corner_maps);
     bind(m, "determinants", determinants);
     bind(m, "distortion_gradients", distortion_gradients);
     bind(m, "distortions", distortions);

@@ -30,12 +30,17 @@ inline std::pair<Pack, Pack> log_cosh_slopes(Pack log_tau, const SizeLaw& law) {
 /// Edges from node 0 of a simplex, as columns; node(lane, place) is the row number of a point.
 template <int d, class Node>
 inline Small<d> edges(Matrix<const double> points, Node&& node) {
-    Small<d> a;
-    for (int i = 0; i < d; ++i) {
-        const Pack first = gathered([&](int l) { return points.data()[node(l, 0) * d + i]; });
-        for (int j = 0; j < d; ++j)
-            a[i][j] = gathered([&](int l) { return points.data()[node(l, j + 1) * d + i]; }) - first;
+    std::array<std::array<Pack, d>, d + 1> x;
+#pragma GCC unroll 4
+    for (int place = 0; place <= d; ++place) {
+        std::array<const double*, lanes> row;
+        for (int l = 0; l < lanes; ++l) row[l] = points.data() + Index{node(l, place)} * d;
+#pragma GCC unroll 3
+        for (int i = 0; i < d; ++i) x[place][i] = gathered([&](int l) { return row[l][i]; });
     }
+    Small<d> a;
+    for (int i = 0; i < d; ++i)
+        for (int j = 0; j < d; ++j) a[i][j] = x[j + 1][i] - x[0][i];
     return a;
 }
 

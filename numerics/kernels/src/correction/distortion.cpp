@@ -97,6 +97,13 @@ std::array<Pack, d> squares(const Small<d>& a) {
     return q;
 }
 
+template <int d>
+Pack product_of(const std::array<Pack, d>& factors) {
+    Pack product = all(1.0);
+    for (Pack x : factors) product *= x;
+    return product;
+}
+
 /// The term of a corner's angles in its distortion (quality/angle_law.h), and its first two derivatives by o.
 struct Turned {
     Pack value, first, second;
@@ -105,9 +112,7 @@ struct Turned {
 template <int d>
 Turned turned(const Small<d>& a, Pack rest) {
     if (!any(rest >= 0.0)) return {Pack{}, Pack{}, Pack{}};
-    Pack product = all(1.0);
-    for (Pack q : squares<d>(a)) product *= q;
-    const Pack o = 0.5 * each(logarithm, product) - each(logarithm, size_of(determinant<d>(a))) - rest;
+    const Pack o = 0.5 * each(logarithm, product_of<d>(squares<d>(a))) - each(logarithm, size_of(determinant<d>(a))) - rest;
     const AngleLaw<Pack> law((rest >= 0.0) & (o > 0.0) ? o : all(0.0));
     return {law.value(), law.first(), law.second()};
 }
@@ -141,6 +146,34 @@ Small<d> slope(const Small<d>& j, const Small<d>& p, Pack h1, Pack angle, const 
 }
 
 }  // namespace
+
+void corner_maps(Matrix<const double> reference, Matrix<const std::int32_t> corners, double least, Cube<double> ideals,
+                 Vector<double> oblique) {
+    const Index n = reference.shape(0), d_ = reference.shape(1);
+    require(corners.shape(1) == d_ + 1, "corners: expected shape (c, d + 1)");
+    require(ideals.shape() == std::array{corners.shape(0), d_, d_}, "ideals: expected shape (c, d, d)");
+    require(oblique.size() == corners.shape(0), "oblique: expected one number a corner");
+    with_dimension(d_, [&](auto dimension) {
+        constexpr int d = dimension;
+        for_ranges(corners.shape(0), corners_of_task, [&](Index first, Index last) {
+            require_below(corners.rows(first, last), n, "corners: expected numbers of points");
+            for (Index c = first; c < last; c += lanes) {
+                const auto at = from(c, last);
+                const auto a = edges<d>(reference, [&](int l, int place) { return corners.data()[at[l] * (d + 1) + place]; });
+                const Small<d> cof = cofactor<d>(a);
+                const Pack det = determinant<d>(a), lengths = root(product_of<d>(squares<d>(a)));
+                const Mask known = det > least * lengths;
+                const Pack o = larger(each(logarithm, known ? lengths / det : all(1.0)), Pack{});
+                for (Index l = 0; l < std::min(lanes, last - c); ++l) {
+                    oblique[c + l] = known[l] ? o[l] : -1.0;
+                    if (!known[l]) continue;
+                    for (int i = 0; i < d; ++i)
+                        for (int k = 0; k < d; ++k) ideals(c + l, i, k) = cof[k][i][l] / det[l];
+                }
+            }
+        });
+    });
+}
 
 void distortions(Matrix<const double> points, Matrix<const std::int32_t> corners, Cube<const double> ideals,
                  Vector<const double> angles, Vector<const double> offset, double m, double epsilon, double a,

@@ -14,6 +14,11 @@
 
 namespace mesh_motion {
 
+/// ideals (c, d, d) = the inverse of the edges at rest, and oblique (c) their Σ log |a_k| − log |det A|; where det A is at
+/// most `least` times Π |a_k|, the ideal keeps its value and oblique is −1.
+void corner_maps(Matrix<const double> reference, Matrix<const std::int32_t> corners, double least, Cube<double> ideals,
+                 Vector<double> oblique);
+
 /// values (c) = ℓ, plus offset (c; or 0 entries for none); inf where ℓ is not a number or τ violates ε = 0.
 void distortions(Matrix<const double> points, Matrix<const std::int32_t> corners, Cube<const double> ideals,
                  Vector<const double> angles, Vector<const double> offset, double m, double epsilon, double a,

@@ -21,9 +21,9 @@ using Small = std::array<std::array<Pack, d>, d>;
 
 inline Pack all(double x) { return Pack{} + x; }
 
-/// The pack of f(0) … f(7).
+/// The pack of f(0) … f(7). Without the attribute the compiler calls f for each lane where it is used often.
 template <class F>
-inline Pack gathered(F&& f) {
+[[gnu::flatten]] inline Pack gathered(F&& f) {
     return [&]<std::size_t... l>(std::index_sequence<l...>) {
         return Pack{f(static_cast<int>(l))...};
     }(std::make_index_sequence<lanes>{});
