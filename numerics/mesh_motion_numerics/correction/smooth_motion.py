@@ -41,7 +41,7 @@ from functools import cache, cached_property
 
 import mesh_motion_kernels as kernels
 import numpy as np
-from scipy.sparse import coo_matrix, csr_matrix
+from scipy.sparse import csr_matrix
 
 from mesh_motion_numerics.arrays import Floats, Integers, Marks
 from mesh_motion_numerics.correction.boundary_constraint import BoundaryConstraint
@@ -70,7 +70,7 @@ FAR = 1e3
 """Part of this range, from its start, that does not count."""
 _ONSET = 0.9  # quality at which a cell resists …
 _LARGE, _LATE_ONSET = 30_000, 0.5  # … and in a mesh of more nodes: fewer are free there, or a step takes seconds
-_CHUNK = 1 << 19  # corners whose neighbours are counted together: a few hundred megabytes
+_CHUNK = 1 << 21  # corners whose neighbours are counted together: a few hundred megabytes
 _PINNED = 1e-8  # σ below which a node keeps its plain position
 _TOLERANCE = 1e-10  # largest Newton step of a node, as a share of the mesh's extent
 _ITERATIONS = 40
@@ -291,16 +291,16 @@ class SmoothMotion:
     @cached_property
     def averages(self) -> csr_matrix:
         """(n, n) matrix of the mean over a node's neighbours, weighted by the number of shared corners."""
-        n = len(self.reference)
+        n, corners = len(self.reference), self.cells.corner_nodes
         pairs = csr_matrix((n, n))
-        corners = self.cells.corner_nodes
         for first in range(0, len(corners), _CHUNK):
             nodes = self.alike[corners[first : first + _CHUNK]].astype(np.int32)
-            k = nodes.shape[1]
-            one, other = np.repeat(nodes, k, axis=1).ravel(), np.tile(nodes, (1, k)).ravel()
-            apart = one != other
-            ones = np.ones(np.count_nonzero(apart))
-            pairs = pairs + coo_matrix((ones, (one[apart], other[apart])), shape=(n, n)).tocsr()
+            starts = np.arange(0, nodes.size + 1, nodes.shape[1], dtype=np.int32)
+            of_corners = csr_matrix((np.ones(nodes.size), nodes.ravel(), starts), shape=(len(nodes), n))
+            pairs = pairs + of_corners.T.tocsr() @ of_corners
+        pairs.setdiag(0.0)
+        pairs.eliminate_zeros()
+        pairs.sort_indices()
         pairs.data /= np.repeat(np.asarray(pairs.sum(axis=1)).ravel(), np.diff(pairs.indptr))
         return pairs
 
