@@ -11,11 +11,9 @@ from functools import cached_property, partial
 
 import mesh_motion_kernels as kernels
 import numpy as np
-from numpy.typing import NDArray
 
 from mesh_motion_numerics.arrays import Floats
 from mesh_motion_numerics.correction.boundary_constraint import RegionConstraint
-from mesh_motion_numerics.correction.distortion import CornerSimplices
 from mesh_motion_numerics.correction.free_region import Elimination, FreeRegion, NodeAdjacency
 
 __all__ = ["SmoothRegion"]
@@ -56,15 +54,11 @@ class SmoothRegion:
     @classmethod
     def build(cls, free: FreeRegion, constraint: RegionConstraint | None, reference: Floats) -> SmoothRegion:
         """Build it for a region of the mesh, with the nodes at ``reference`` (n, d) at rest."""
-        weights = _corner_weights(free)
-        of_corners, shares = _penalty_of(free.simplices, weights)
-        adjacency, d = free.adjacency, free.simplices.dimension
-        corner, place = np.divmod(adjacency.entries, d + 1)
-        here = adjacency.slots >= 0
-        rows = of_corners[corner, place][here]
-        gradient = _sums(adjacency.slots[here], rows, len(adjacency.columns))
-        node = np.repeat(np.arange(free.n_free), np.diff(adjacency.starts))
-        mass = _sums(node, shares[corner], free.n_free)
+        weights, adjacency, d = _corner_weights(free), free.adjacency, free.simplices.dimension
+        gradient, mass = np.zeros(len(adjacency.columns)), np.zeros(free.n_free)
+        pattern = adjacency.starts, adjacency.entries, adjacency.slots
+        kernels.add_penalty(*pattern, free.simplices.ideal, weights, gradient, mass)
+        mass /= LENGTH**2 * (d + 1)  # (d + 1): a corner's mass is shared by its nodes
         unknowns, places = adjacency, reference[free.free]
         if constraint is not None:
             unknowns, places = constraint.links.adjacency, places[constraint.links.roots]
@@ -128,24 +122,6 @@ class SmoothRegion:
         product = np.empty_like(offset)
         pattern = self.free.adjacency.row_starts, self.free.adjacency.columns
         return 0.5 * kernels.block_product(*pattern, self.blocks, np.ascontiguousarray(offset), product), product
-
-
-def _sums(places: NDArray[np.integer], values: Floats, count: int) -> Floats:
-    """The sum (count,) of the values (e,) at each of their places (e,)."""
-    return np.bincount(places, weights=values, minlength=count).astype(np.float64, copy=False)
-
-
-def _penalty_of(simplices: CornerSimplices, weights: Floats) -> tuple[Floats, Floats]:
-    """The corners' parts of the penalty's matrix, 1 / length².
-
-    w_c times the products of the nodes' shape functions' gradients at rest (c, d + 1, d + 1), and each node's share
-    w_c / ((d + 1) (l h_c)²) of the mass (c,).
-    """
-    of_edges = simplices.ideal  # rows are the gradients of the edges' nodes
-    gradients = np.concatenate([-of_edges.sum(axis=1, keepdims=True), of_edges], axis=1)
-    size = np.abs(np.linalg.det(of_edges)) ** (-2 / simplices.dimension)
-    matrices = weights[:, None, None] * (gradients @ np.swapaxes(gradients, 1, 2))
-    return matrices, weights / (size * LENGTH**2 * (simplices.dimension + 1))
 
 
 def _corner_weights(free: FreeRegion) -> Floats:

@@ -11,6 +11,7 @@ void bind_correction(nanobind::module_& m) {
     bind(m, "add_cells", add_cells);
     bind(m, "add_corners", add_corners);
     bind(m, "add_linked_blocks", add_linked_blocks);
+    bind(m, "add_penalty", add_penalty);
     bind(m, "assemble_corners", assemble_corners);
     bind(m, "block_cholesky", block_cholesky);
     bind(m, "block_cholesky_solve", block_cholesky_solve);

@@ -3,6 +3,7 @@
 #include <algorithm>
 
 #include "parallel.h"
+#include "quality/cell_quality.h"
 
 namespace mesh_motion {
 namespace {
@@ -46,6 +47,22 @@ void check_lists(Vector<const Index> starts, Vector<const std::int32_t> entries,
 double* block_of(Cube<double> hessian, std::int32_t slot) {
     require(slot < hessian.shape(0), "slots: expected numbers of blocks");
     return slot < 0 ? nullptr : &hessian(slot, 0, 0);
+}
+
+/// |det P|^(2/d).
+template <int d>
+double inverse_square_size(const double (*p)[d]) {
+    if constexpr (d == 1) {
+        return p[0][0] * p[0][0];
+    } else if constexpr (d == 2) {
+        return std::abs(p[0][0] * p[1][1] - p[0][1] * p[1][0]);
+    } else {
+        double det = 0.0;
+        for (int k = 0; k < 3; ++k)
+            det += p[0][k] * (p[1][(k + 1) % 3] * p[2][(k + 2) % 3] - p[1][(k + 2) % 3] * p[2][(k + 1) % 3]);
+        const double size = std::abs(det);
+        return size * (size > 1e-200 ? inverse_cube_root(size) : 0x1p100 * inverse_cube_root(0x1p300 * size));
+    }
 }
 
 /// row (d + 1, d²): the blocks that couple one node of a corner with each of its nodes, from the blocks (d, d²) that
@@ -214,6 +231,37 @@ void add_corners(Vector<const Index> starts, Vector<const std::int32_t> entries,
                     for (int q = 0; out && q < d * d; ++q) out[q] += row[b * d * d + q];
                 }
             }
+        });
+    });
+}
+
+void add_penalty(Vector<const Index> starts, Vector<const std::int32_t> entries, Matrix<const std::int32_t> slots,
+                 Cube<const double> ideals, Vector<const double> weights, Vector<double> stiffness, Vector<double> mass) {
+    check_lists(starts, entries, weights.size() * (ideals.shape(1) + 1));
+    require(slots.shape() == std::array{entries.size(), ideals.shape(1) + 1}, "slots: expected shape (e, d + 1)");
+    require(ideals.shape() == std::array{weights.size(), ideals.shape(1), ideals.shape(1)}, "ideals: expected shape (c, d, d)");
+    require(mass.size() == starts.size() - 1, "mass: expected one number a free node");
+    with_dimension(ideals.shape(1), [&](auto dimension) {
+        constexpr int d = dimension;
+        for_ranges(mass.size(), rows_of_assembly, [&](Index first, Index last) {
+            for (Index i = first; i < last; ++i)
+                for (Index e = starts[i]; e < starts[i + 1]; ++e) {
+                    const Index c = entries[e] / (d + 1), a = entries[e] % (d + 1);
+                    double gradients[d + 1][d]{};
+                    for (int k = 0; k < d; ++k)
+                        for (int q = 0; q < d; ++q) {
+                            gradients[k + 1][q] = ideals(c, k, q);
+                            gradients[0][q] -= ideals(c, k, q);
+                        }
+                    for (int b = 0; b <= d; ++b) {
+                        const std::int32_t slot = slots(e, b);
+                        require(slot < stiffness.size(), "slots: expected numbers of blocks");
+                        double product = 0.0;
+                        for (int q = 0; q < d; ++q) product += gradients[a][q] * gradients[b][q];
+                        if (slot >= 0) stiffness[slot] += weights[c] * product;
+                    }
+                    mass[i] += weights[c] * inverse_square_size<d>(gradients + 1);
+                }
         });
     });
 }

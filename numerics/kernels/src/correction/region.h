@@ -40,6 +40,12 @@ void assemble_corners(Vector<const Index> starts, Vector<const std::int32_t> ent
 void add_corners(Vector<const Index> starts, Vector<const std::int32_t> entries, Matrix<const std::int32_t> slots,
                  Vector<const std::int32_t> rows, Cube<const double> blocks, Cube<double> hessian);
 
+/// For corners with the maps P, ideals (c, d, d), whose rows are the gradients of the shape functions of nodes 1 … d at
+/// rest: stiffness (b) += the products of both nodes' gradients, times the corner's weight (c); mass (f) += the weight
+/// times |det P|^(2/d), one over the square of the corner's size.
+void add_penalty(Vector<const Index> starts, Vector<const std::int32_t> entries, Matrix<const std::int32_t> slots,
+                 Cube<const double> ideals, Vector<const double> weights, Vector<double> stiffness, Vector<double> mass);
+
 /// hessian (b, d, d) += the cells' blocks (m, k², d²).
 void add_cells(Vector<const Index> starts, Vector<const std::int32_t> entries, Matrix<const std::int32_t> slots,
                Cube<const float> blocks, Cube<double> hessian);
