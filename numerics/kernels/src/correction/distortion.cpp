@@ -112,7 +112,8 @@ struct Turned {
 template <int d>
 Turned turned(const Small<d>& a, Pack rest) {
     if (!any(rest >= 0.0)) return {Pack{}, Pack{}, Pack{}};
-    const Pack o = 0.5 * each(logarithm, product_of<d>(squares<d>(a))) - each(logarithm, size_of(determinant<d>(a))) - rest;
+    const Pack lengths = product_of<d>(squares<d>(a)), size = size_of(determinant<d>(a));
+    const Pack o = 0.5 * each(logarithm, lengths) - each(logarithm, size) - rest;
     const AngleLaw<Pack> law((rest >= 0.0) & (o > 0.0) ? o : all(0.0));
     return {law.value(), law.first(), law.second()};
 }
@@ -159,7 +160,8 @@ void corner_maps(Matrix<const double> reference, Matrix<const std::int32_t> corn
             require_below(corners.rows(first, last), n, "corners: expected numbers of points");
             for (Index c = first; c < last; c += lanes) {
                 const auto at = from(c, last);
-                const auto a = edges<d>(reference, [&](int l, int place) { return corners.data()[at[l] * (d + 1) + place]; });
+                const auto node = [&](int l, int place) { return corners.data()[at[l] * (d + 1) + place]; };
+                const Small<d> a = edges<d>(reference, node);
                 const Small<d> cof = cofactor<d>(a);
                 const Pack det = determinant<d>(a), lengths = root(product_of<d>(squares<d>(a)));
                 const Mask known = det > least * lengths;

@@ -236,12 +236,14 @@ void add_corners(Vector<const Index> starts, Vector<const std::int32_t> entries,
 }
 
 void add_penalty(Vector<const Index> starts, Vector<const std::int32_t> entries, Matrix<const std::int32_t> slots,
-                 Cube<const double> ideals, Vector<const double> weights, Vector<double> stiffness, Vector<double> mass) {
-    check_lists(starts, entries, weights.size() * (ideals.shape(1) + 1));
-    require(slots.shape() == std::array{entries.size(), ideals.shape(1) + 1}, "slots: expected shape (e, d + 1)");
-    require(ideals.shape() == std::array{weights.size(), ideals.shape(1), ideals.shape(1)}, "ideals: expected shape (c, d, d)");
+                 Cube<const double> ideals, Vector<const double> weights, Vector<double> stiffness,
+                 Vector<double> mass) {
+    const Index axes = ideals.shape(1);
+    check_lists(starts, entries, weights.size() * (axes + 1));
+    require(slots.shape() == std::array{entries.size(), axes + 1}, "slots: expected shape (e, d + 1)");
+    require(ideals.shape() == std::array{weights.size(), axes, axes}, "ideals: expected shape (c, d, d)");
     require(mass.size() == starts.size() - 1, "mass: expected one number a free node");
-    with_dimension(ideals.shape(1), [&](auto dimension) {
+    with_dimension(axes, [&](auto dimension) {
         constexpr int d = dimension;
         for_ranges(mass.size(), rows_of_assembly, [&](Index first, Index last) {
             for (Index i = first; i < last; ++i)

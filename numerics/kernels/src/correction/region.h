@@ -44,7 +44,8 @@ void add_corners(Vector<const Index> starts, Vector<const std::int32_t> entries,
 /// rest: stiffness (b) += the products of both nodes' gradients, times the corner's weight (c); mass (f) += the weight
 /// times |det P|^(2/d), one over the square of the corner's size.
 void add_penalty(Vector<const Index> starts, Vector<const std::int32_t> entries, Matrix<const std::int32_t> slots,
-                 Cube<const double> ideals, Vector<const double> weights, Vector<double> stiffness, Vector<double> mass);
+                 Cube<const double> ideals, Vector<const double> weights, Vector<double> stiffness,
+                 Vector<double> mass);
 
 /// hessian (b, d, d) += the cells' blocks (m, k², d²).
 void add_cells(Vector<const Index> starts, Vector<const std::int32_t> entries, Matrix<const std::int32_t> slots,
