@@ -389,7 +389,7 @@ class SessionStore:
     def _listed(self) -> list[str]:
         """The names in the folder of sessions; none if the folder does not exist yet."""
         try:
-            return sorted(os.listdir(self._sessions))
+            return sorted(self._files.names(self._sessions))
         except FileNotFoundError:
             return []
 
