@@ -9,6 +9,7 @@
 # make release VERSION=x.y.z checks what a release must be, builds it twice, tries it and says what comes next
 # make lint   ruff and mypy, as CI does
 # make prove  shows in a few minutes that nothing committed is lost and nothing wrong let in: a line each, out/prove/proof.json
+#             (PROVE="--only soak" for some)
 # make prove-full the same with the counts of a night
 # make sanitize runs the tests of the numerics on kernels that check every index, address, operation and race, an hour
 # make nightly runs what takes hours and rarely fails: sanitizers, the demo without a compiler, prove-full
@@ -34,7 +35,7 @@ BIN := $(VENV)/bin
 DRIVERS := out/drivers
 # Tests of so many files at a time: half of them wait for other processes, so three suit two cores.
 JOBS ?= 3
-PYTEST = -n $(JOBS) --dist loadfile --durations 40 --durations-min 5
+PYTEST = -n $(JOBS) --dist loadfile --no-loadscope-reorder --durations 40 --durations-min 5
 
 # Tests start some thousand processes: each would compile the same sources again.
 unexport PYTHONDONTWRITEBYTECODE
@@ -43,7 +44,7 @@ unexport PYTHONDONTWRITEBYTECODE
 .PHONY: help demo test test-all test-fast coverage wheel release manual lock lint format prove prove-full drivers nightly sanitize sanitize-addresses sanitize-threads peers bench bench-quick track studies docs adapters mok flap turek docker docker-openfoam clean
 
 help:
-	@sed -n '1,28s/^# \{0,1\}//p' Makefile
+	@sed -n '1,29s/^# \{0,1\}//p' Makefile
 
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
@@ -114,7 +115,7 @@ format: $(VENV)/.development
 	$(BIN)/ruff format .
 
 prove: $(VENV)/.development drivers
-	PATH=$(CURDIR)/$(DRIVERS):$$PATH $(BIN)/python -m tests.faults --out out/prove
+	PATH=$(CURDIR)/$(DRIVERS):$$PATH $(BIN)/python -m tests.faults $(PROVE) --out out/prove
 
 prove-full: $(VENV)/.development drivers
 	PATH=$(CURDIR)/$(DRIVERS):$$PATH $(BIN)/python -m tests.faults --full --out out/prove-full

@@ -1,17 +1,19 @@
 """Fixtures and options that all tests share."""
 
-import fcntl
 import gc
 import logging
 import os
 import signal
 import subprocess
+from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 from hypothesis import settings
+from made_once import made_once
 from mesh_motion_client import Server, connect
+from mesh_motion_numerics.blas import one_blas_thread
 from programs import need
 
 from mesh_motion_server import failpoints
@@ -33,13 +35,17 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 #: Fixtures that compile. On a busy machine this takes many minutes, and the first test that needs one waits for it.
 _COMPILE = {"foam_environment", "flap", "tools", "zmq_flags", "c_kernels", "sdist", "wheel"}
 
+#: Other tests that take as long as a nightly one.
+_NIGHTLY_WEIGHT = 25
+
 
 @pytest.hookimpl(tryfirst=True)  # before -m selects tests
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Run rows of `make prove` only on request.
 
     Without slow tests there are no nightly ones either. A test whose fixture compiles gets one time limit, which
-    includes the compilation.
+    includes the compilation. Next to others, files with many minutes come first, so that no process ends long before
+    the last one.
     """
     if "faults" not in config.option.markexpr:
         config.hook.pytest_deselected(items=[item for item in items if item.get_closest_marker("faults")])
@@ -49,6 +55,18 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
             item.add_marker("slow")
         if _COMPILE.intersection(getattr(item, "fixturenames", ())):
             item.add_marker(pytest.mark.timeout(1800), append=False)
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        weights: Counter[Path] = Counter()
+        for item in items:
+            weights[item.path] += _NIGHTLY_WEIGHT if item.get_closest_marker("nightly") else 1
+        items.sort(key=lambda item: -weights[item.path])
+
+
+@pytest.fixture(scope="session", autouse=True)
+def one_thread_of_blas() -> Iterator[None]:
+    """Compute as servers do. OpenBLAS' threads spin while they wait: next to other tests that is most of the time."""
+    with one_blas_thread():
+        yield
 
 
 @pytest.fixture(autouse=True)
@@ -99,23 +117,19 @@ def server() -> Iterator[Server]:
 def c_kernels(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of the kernels installed as a C library; compiled once for all processes that run tests."""
     need("cmake", "g++")
-    base = tmp_path_factory.getbasetemp()
-    folder = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "c_kernels"
-    folder.mkdir(exist_ok=True)
-    source, build, prefix = ROOT / "numerics" / "kernels", folder / "build", folder / "prefix"
-    options = ["-DMESH_MOTION_PYTHON=OFF", "-DMESH_MOTION_C=ON", "-DCMAKE_INSTALL_LIBDIR=lib"]
-    with (folder / "lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
-        if not (folder / "made").exists():
-            for arguments in (
-                ["-S", source, "-B", build, f"-DCMAKE_INSTALL_PREFIX={prefix}", *options],
-                ["--build", build, "-j", str(os.cpu_count())],
-                ["--install", build],
-            ):
-                done = subprocess.run(["cmake", *arguments], capture_output=True, text=True, check=False)
-                assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-3000:]
-            (folder / "made").touch()
-    return prefix
+
+    def make(folder: Path) -> None:
+        options = ["-DMESH_MOTION_PYTHON=OFF", "-DMESH_MOTION_C=ON", "-DCMAKE_INSTALL_LIBDIR=lib"]
+        build = folder / "build"
+        for arguments in (
+            ["-S", ROOT / "numerics/kernels", "-B", build, f"-DCMAKE_INSTALL_PREFIX={folder / 'prefix'}", *options],
+            ["--build", build, "-j", str(os.cpu_count())],
+            ["--install", build],
+        ):
+            done = subprocess.run(["cmake", *arguments], capture_output=True, text=True, check=False)
+            assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-3000:]
+
+    return made_once(tmp_path_factory, "c_kernels", make) / "prefix"
 
 
 @pytest.fixture

@@ -15,7 +15,6 @@ from typing import Generic, NamedTuple, TypeVar
 
 from mesh_motion_protocol.errors import DataLoss, MeshMotionError
 
-from mesh_motion_server.absence import is_missing
 from mesh_motion_server.session.journal.files import MANIFEST, SLOTS, read_ledger, read_stored_state
 from mesh_motion_server.session.journal.filesystem import FileSystem, read_whole, unreadable
 from mesh_motion_server.session.journal.ledger import Ledger
@@ -184,7 +183,7 @@ class Listing:
         for name in (MESH, *SLOTS):
             path = folder / name
             try:
-                if is_missing(path):
+                if not self._files.exists(path):
                     raise DataLoss(f"{name} is missing", hint=_HINT)
                 if name == MESH:
                     read = partial(verifies, path, self._files, foundation.mesh, _VERIFIED_BYTES)

@@ -34,6 +34,7 @@ from mesh_motion_server.session.journal.files import FIRST_MANIFEST, KEPT_COMMIT
 from mesh_motion_server.session.journal.filesystem import (
     FileSystem,
     PosixFileSystem,
+    disk_failure,
     make_durable_folder,
     read_whole,
     write_file,
@@ -48,6 +49,7 @@ from mesh_motion_server.session.unbuilt import UNBUILT, mark_built, never_built
 
 __all__ = ["SessionFolder", "SessionStore", "StoredSession"]
 _LOCK = "lock"
+_disk_error = partial(disk_failure, ResourceExhausted)
 #: A mesh with at least this many bytes of coordinates is written in a thread.
 _LARGE_MESH = 4 << 20
 _SESSION_ID = re.compile(r"[0-9a-f]{32}")
@@ -387,7 +389,7 @@ class SessionStore:
     def _listed(self) -> list[str]:
         """The names in the folder of sessions; none if the folder does not exist yet."""
         try:
-            return sorted(os.listdir(self._sessions))
+            return sorted(self._files.names(self._sessions))
         except FileNotFoundError:
             return []
 
@@ -397,13 +399,4 @@ def _not_found(session: str) -> SessionError:
         f"there is no session {session!r:.40} for this token",
         code="NOT_FOUND",
         hint="check the session id and its token; a session that was never built cannot be resumed",
-    )
-
-
-def _disk_error(what: str, error: OSError) -> ResourceExhausted:
-    return ResourceExhausted(
-        f"{what}: {error.strerror or error}",
-        code="RESOURCE_EXHAUSTED.DISK",
-        hint="check the disk that holds the state folder",
-        details={"errno": error.errno or 0},
     )

@@ -61,8 +61,3 @@ def case_in(folder: Path, *replacements: tuple[str, str], mesh: MeshFile | None 
 @pytest.fixture
 def make_case(tmp_path: Path) -> MakeCase:
     return partial(case_in, tmp_path / "case")
-
-
-@pytest.fixture(scope="module")
-def make_module_case(tmp_path_factory: pytest.TempPathFactory) -> MakeCase:
-    return partial(case_in, tmp_path_factory.mktemp("module") / "case")

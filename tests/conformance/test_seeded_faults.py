@@ -1,17 +1,14 @@
 """Tests of the suite: each wrong server and each wrong client is detected by the cases that must detect it."""
 
-import shlex
-import sys
-from pathlib import Path
-
 import pytest
 from in_process import in_process_server
+from mesh_motion_client.conformance import play
 from mesh_motion_conformance.command import Subject, conform
 from seeded_faults import FAULTS
+from wrong_clients import WRONG_CLIENTS
 
 from mesh_motion_server.transport.telemetry import configure
 
-HERE = Path(__file__).parent
 #: What the plain model of these servers has not: a judgement of cells.
 WITHOUT_JUDGEMENT = [
     *("13.3-inverted-cell", "15-BUILT-quality", "15-COMMITTED-quality", "15-MOVED-headroom-asked", "15-MOVED-quality")
@@ -48,22 +45,8 @@ def test_a_wrong_server_is_caught(fault, tmp_path, monkeypatch):
         assert sorted(failing(server.endpoint, fault.caught)) == sorted(fault.caught)
 
 
-WRONG_CLIENTS = {
-    "numbers-repeats-again": ["10.1-MOVE-repeated-by-the-caller", "11.1-connection-cut-after-MOVE-was-executed"],
-    "takes-any-reply": ["4-replies-to-others-come-first"],
-    "does-not-join-again": ["11.1-connection-cut-after-COMMIT-was-executed"],
-    "resumes-when-fenced": ["11.3-fenced-while-the-connection-was-broken"],
-    "does-not-repeat-the-trial": ["11.4-worker-died-before-COMMIT-was-executed"],
-    "refuses-unknown-fields": ["4-unknown-fields-in-every-reply"],
-    "does-not-probe": ["11.2-PROBE-while-MOVE-is-computed"],
-    "takes-lost-steps-for-granted": ["21.5-committed-steps-did-not-survive"],
-    "sends-a-field-too-many": ["7-undisturbed"],
-}
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", WRONG_CLIENTS)
-def test_a_wrong_client_is_caught(name):
-    command = shlex.join([sys.executable, str(HERE / "wrong_client.py"), name])
-    outcomes = conform(Subject(client=command), lambda line: None, only=WRONG_CLIENTS[name])
-    assert [outcome.verdict for outcome in outcomes] == ["FAIL"] * len(WRONG_CLIENTS[name])
+@pytest.mark.parametrize("fault", WRONG_CLIENTS, ids=lambda fault: fault.name)
+def test_a_wrong_client_is_caught(fault, monkeypatch):
+    fault.seed(monkeypatch)
+    outcomes = conform(Subject(client=play), lambda line: None, only=fault.caught)
+    assert [outcome.verdict for outcome in outcomes] == ["FAIL"] * len(fault.caught)

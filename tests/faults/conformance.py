@@ -5,9 +5,7 @@ sentence that has cases; they always come in the order of the document.
 """
 
 import os
-import shlex
 import shutil
-import sys
 import tempfile
 from collections import Counter
 from collections.abc import Sequence
@@ -16,7 +14,9 @@ from pathlib import Path
 from random import Random
 from typing import Any
 
+from mesh_motion_client.conformance import play
 from mesh_motion_conformance.case import Case, Outcome
+from mesh_motion_conformance.client import Client
 from mesh_motion_conformance.command import Subject
 from mesh_motion_conformance.runner import run as put
 from mesh_motion_conformance.server import server_cases
@@ -37,9 +37,9 @@ _NOT_TO_BE_HAD = {"8-COMMITTING", "8-FROZEN", "8-FAILED", "6-upload-larger-than-
 _SERVER = "server"
 
 
-def clients() -> dict[str, str]:
-    """Name → command line of each client's driver program that is found here."""
-    found = {"Python": shlex.join([sys.executable, "-m", "mesh_motion_client.conformance"])}
+def clients() -> dict[str, str | Client]:
+    """Name → our client, or the command line of another client's driver program that is found here."""
+    found: dict[str, str | Client] = {"Python": play}
     found |= {name: program for name, program in _PROGRAMS.items() if shutil.which(program)}
     for entry in filter(None, os.environ.get(CLIENTS_VARIABLE, "").split(";")):
         name, _, command = entry.partition("=")
@@ -90,7 +90,7 @@ def run(seed: int, budget: Budget) -> Result:
         server = stack.enter_context(ServerProcess(Path(folder), level="error", **_SETTINGS))
         there = Subject(server.endpoint, seconds=_WAIT_SECONDS, opening_seconds=4 * _WAIT_SECONDS)
         subjects = {_SERVER: there}
-        subjects |= {name: Subject(client=line, seconds=_WAIT_SECONDS) for name, line in clients().items()}
+        subjects |= {name: Subject(client=client, seconds=_WAIT_SECONDS) for name, client in clients().items()}
         for name, subject in subjects.items():
             cases = subject.cases()
             cases = choice(cases, round(budget.count * len(cases) / len(server_cases())), random)

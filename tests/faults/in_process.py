@@ -80,17 +80,6 @@ class _Collecting(logging.Handler):
             self._found.append(f"{type(error).__name__}: {error}, in {place.name}, {Path(place.filename).name}")
 
 
-class _Store(SessionStore):
-    """A store that looks for sessions on the model file system."""
-
-    def __init__(self, files: Any) -> None:
-        super().__init__(ROOT, files=files)
-
-    def _folders(self) -> Iterator[Path]:
-        found = [path for path in self._files.folders if path.parent == self._sessions]  # type: ignore[attr-defined]
-        yield from sorted(path for path in found if not path.suffix)
-
-
 class _Worker(workers.Worker):
     """A worker that serves its messages; its lease ends on a call."""
 
@@ -169,7 +158,7 @@ class InProcessServer:
         """A new supervisor and gateway, over whatever is on the disk."""
         self._wire, self.endpoint = self._bound(HEADER_BYTES)
         access = Protection.access(self._protection)
-        registry = Registry(_Store(self.files))
+        registry = Registry(SessionStore(ROOT, files=self.files))
         disk = DiskWatch(self._settings.state_folder)
         self._control = _Control(registry, self._settings, self._start_worker, self._to_peer, access, disk)
         welcome = {
@@ -289,7 +278,7 @@ class InProcessServer:
     def _begin(self, child: Child, order: dict[str, Any]) -> None:
         held = Held(self.files)
         try:
-            host = template._host(order, self._hosts, _Store(held), self._settings, silent)
+            host = template._host(order, self._hosts, SessionStore(ROOT, files=held), self._settings, silent)
         except Exception as error:
             held.end()
             self._reported(child, {"event": "failed"} | template._failure(error))

@@ -172,6 +172,9 @@ class Played:
             require(entry is None, f"LIST shows {entry}")
         elif self.model.worker == "alive":
             require(entry and (entry["state"], entry["step"]) == (self.model.state, self.model.step), f"LIST: {entry}")
+        elif None not in self.model.may_be_found:
+            stored = {found.step for found in self.model.may_be_found if found}
+            require(entry and entry["step"] in stored, f"LIST: {entry}, stored: step {stored}")
         return True
 
     def _on_lease_end(self, _action: Action) -> bool:

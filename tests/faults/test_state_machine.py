@@ -80,6 +80,14 @@ def test_a_disk_that_fails_behind_a_reply_is_reported_without_a_request() -> Non
     )
 
 
+def test_a_stored_session_without_a_worker_is_listed() -> None:
+    """A fault of the row: its server listed a folder of the real disk, which never exists."""
+    replay(
+        "partitions=1 level=full numerics=stand-in JOIN/*//0 UPLOAD/*//1 UPLOAD/*//2 UPLOAD/*//3 UPLOAD/*//4 "
+        "BUILD/*//5 MOVE/*//6 COMMIT/*//7 CLOSE/*//9 LIST/*/monitor/16"
+    )
+
+
 # --- tests of the test -----------------------------------------------------------------------------------------------
 
 Patch = pytest.MonkeyPatch

@@ -84,7 +84,7 @@ def test_a_mesh_whose_sliding_nodes_are_all_corners_has_no_constraint() -> None:
     patches = {"body": patches["body"], "x0": patches["x0"], "x1": patches["x1"]}
     surfaces = model_of(duct("quad", 10)).standard_motion.sliding
     held = surfaces.of(np.isin(surfaces.nodes, corners))
-    assert BoundaryConstraint.build(points, boundary_facets(cells), patches, held, None) is None
+    assert BoundaryConstraint.build(points, boundary_facets(cells), patches, {}, held, None) is None
 
 
 def test_a_node_cannot_pass_its_neighbour() -> None:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from frame_meshes import rotation, square_frame
 from mesh_motion_numerics.interpolation.factor_source import MakeEachTime
+from mesh_motion_numerics.mesh.boundary_facets import boundary_facets
 from mesh_motion_numerics.method import Method
 from mesh_motion_numerics.motion.standard_motion import StandardMotion, StandardTrial
 from mesh_motion_numerics.quality.metrics import cell_quality, reference_sizes
@@ -18,7 +19,7 @@ from mesh_motion_server.session.factors import FactorCache
 def motion_of(mesh, **choices) -> StandardMotion:
     points, cells, patches = mesh
     method = Method(**{"support_radius": 0.5, **choices})
-    return StandardMotion.build(points, cells, patches, method)
+    return StandardMotion.build(points, boundary_facets(cells), patches, method)
 
 
 def move(motion: StandardMotion, committed: np.ndarray, targets: np.ndarray) -> StandardTrial:

@@ -7,13 +7,19 @@ from pathlib import Path
 
 import pytest
 from bare_environment import ROOT, bare_environment, build
+from made_once import made_once
 
 Run = Callable[..., subprocess.CompletedProcess[str]]
 
 
+def _built(factory: pytest.TempPathFactory, name: str, target: str, source: Path = ROOT) -> Path:
+    (made,) = made_once(factory, name, lambda folder: build(target, folder, source)).iterdir()
+    return made
+
+
 @pytest.fixture(scope="session")
 def client_wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return build("wheel", tmp_path_factory.mktemp("client"), ROOT / "adapters" / "python")
+    return _built(tmp_path_factory, "client", "wheel", ROOT / "adapters" / "python")
 
 
 @pytest.fixture(scope="session")
@@ -25,17 +31,17 @@ def client_alone(client_wheel: Path, tmp_path_factory: pytest.TempPathFactory) -
 
 @pytest.fixture(scope="session")
 def numerics_wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return build("wheel", tmp_path_factory.mktemp("numerics"), ROOT / "numerics")
+    return _built(tmp_path_factory, "numerics", "wheel", ROOT / "numerics")
 
 
 @pytest.fixture(scope="session")
 def sdist(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return build("sdist", tmp_path_factory.mktemp("sdist"))
+    return _built(tmp_path_factory, "sdist", "sdist")
 
 
 @pytest.fixture(scope="session")
 def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return build("wheel", tmp_path_factory.mktemp("wheel"))
+    return _built(tmp_path_factory, "wheel", "wheel")
 
 
 @pytest.fixture(scope="session")

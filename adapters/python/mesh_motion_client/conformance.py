@@ -8,7 +8,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any, Literal
 
 import numpy as np
@@ -18,7 +18,7 @@ from mesh_motion_client.mesh import Mesh, Patch
 from mesh_motion_client.server import Server, connect
 from mesh_motion_client.session import Frame, Session
 
-__all__ = ["Driver", "main"]
+__all__ = ["Driver", "main", "play"]
 
 _MESH = Mesh(
     np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]),
@@ -71,7 +71,9 @@ class Driver:
             return {"verb": verb, "ok": False, "code": error.code, "message": error.message}
 
     def close(self) -> None:
-        """Close the session and the server, if open."""
+        """End the connections of the session and to the server, if open."""
+        if self._session is not None:
+            self._session.leave()
         if self._server is not None:
             self._server.close()
 
@@ -104,7 +106,9 @@ class Driver:
         return {"moving_nodes": self.session.moving_nodes.tolist()}
 
     def _resume(self) -> Result:
-        self._session = self.server.resume(self.session.credentials)
+        resumed = self.server.resume(self.session.credentials)
+        self.session.leave()
+        self._session = resumed
         return {"step": self.session.step}
 
     def _move(self, frame: Frame, number: int) -> Result:
@@ -125,19 +129,23 @@ class Driver:
         return {"step": committed.step, "digest": committed.digest.hex()}
 
 
+def play(endpoint: str, timeout: float, verbs: str) -> Iterator[Result]:
+    """Do the verbs of a scenario in their order; yield a line for each."""
+    driver = Driver(endpoint, timeout)
+    yield from map(driver.do, verbs.split())
+    driver.close()
+
+
 def main(arguments: list[str] | None = None) -> int:
-    """Do the verbs; stop after a ``hello`` or ``open`` that failed."""
+    """Print the lines of a scenario."""
     parser = argparse.ArgumentParser(prog="mesh_motion_client.conformance")
     parser.add_argument("--endpoint", required=True)
     parser.add_argument("--timeout", type=float, default=10.0)
     parser.add_argument("--scenario", required=True, help="verbs, separated by blanks")
     given = parser.parse_args(arguments)
-    driver = Driver(given.endpoint, given.timeout)
-    for verb in given.scenario.split():
-        line = driver.do(verb)
+    for line in play(given.endpoint, given.timeout, given.scenario):
         sys.stdout.write(json.dumps(line) + "\n")
         sys.stdout.flush()
-    driver.close()
     return 0
 
 

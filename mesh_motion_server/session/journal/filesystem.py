@@ -10,9 +10,9 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, TypeVar
 
-from mesh_motion_protocol.errors import DataLoss
+from mesh_motion_protocol.errors import DataLoss, MeshMotionError
 
 from mesh_motion_server.absence import is_missing
 from mesh_motion_server.operation.tally import TALLY
@@ -32,6 +32,7 @@ __all__ = [
 ]
 
 Buffer = bytes | memoryview
+_Error = TypeVar("_Error", bound=MeshMotionError)
 #: Flags for opening: a link is not followed, and opening a pipe does not wait.
 _FLAGS = os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK
 
@@ -156,15 +157,19 @@ def unreadable(what: str, error: OSError) -> DataLoss:
     if error.errno in _REPLACED:
         missing = f"{os.path.basename(os.fsdecode(error.filename))}: " if error.filename else ""
         return DataLoss(f"{what} cannot be read: {missing}{error.strerror or error}")
-    return disk_failure(
-        f"{what} cannot be read", error, hint="check the disk that holds the state folder, then try again"
-    )
+    return disk_failure(DataLoss, f"{what} cannot be read", error)
 
 
-def disk_failure(doing: str, error: OSError, consequence: str = "", *, hint: str) -> DataLoss:
+def disk_failure(
+    kind: type[_Error],
+    doing: str,
+    error: OSError,
+    consequence: str = "",
+    hint: str = "check the disk that holds the state folder, then try again",
+) -> _Error:
     """Make the error for a failed disk operation: the system's message, the error's name, the consequence."""
     name = errno.errorcode.get(error.errno or 0, "unknown")
-    return DataLoss(
+    return kind(
         f"{doing}: {error.strerror or error} ({name}){consequence}",
         code="RESOURCE_EXHAUSTED.DISK",
         hint=hint,

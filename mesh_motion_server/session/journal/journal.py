@@ -393,4 +393,4 @@ class Journal:
             if not isinstance(error, OSError):
                 raise
             hint = "check the disk, then resume the session"
-            raise disk_failure(doing, error, "; nothing more is written", hint=hint) from error
+            raise disk_failure(DataLoss, doing, error, "; nothing more is written", hint) from error

@@ -21,7 +21,6 @@ from mesh_motion_numerics.mesh.periodic_nodes import PeriodicNodes
 from mesh_motion_numerics.mesh.roles import SLIDING_ROLES, Patch
 from mesh_motion_numerics.mesh.sliding import SlidingSurfaces
 from mesh_motion_numerics.mesh.surface_constraints import OnPlanes
-from mesh_motion_numerics.mesh.whole_walls import whole_walls
 
 __all__ = ["BoundaryConstraint", "RegionConstraint"]
 
@@ -51,6 +50,7 @@ class BoundaryConstraint:
         points: Floats,
         facets: Mapping[str, Integers],
         patches: Mapping[str, Patch],
+        surfaces: Mapping[str, Integers],
         sliding: SlidingSurfaces | None,
         periodic: PeriodicNodes | None,
     ) -> BoundaryConstraint | None:
@@ -61,6 +61,8 @@ class BoundaryConstraint:
         points : (n, d) array, mesh length unit
         facets : dict of (f, k) int64 arrays
             The facets of the whole boundary, with outward normals, by type.
+        surfaces : dict of (p,) int64 arrays
+            The nodes of the :func:`.whole_walls`.
         """
         released = np.zeros(len(points), dtype=bool)
         if periodic is not None:
@@ -70,7 +72,7 @@ class BoundaryConstraint:
                 released[patch.nodes] = False
         if sliding is not None:
             released[sliding.nodes] = sliding.freedom() > 0
-        released &= ~_on_other_facets(points, facets, patches)
+        released &= ~_on_other_facets(len(points), facets, patches, surfaces)
         if periodic is not None:
             released &= ~_torn(released, periodic) & ~_sliding_on_axis(periodic, sliding)
         if not released.any():
@@ -216,11 +218,11 @@ def _sliding_on_axis(periodic: PeriodicNodes, sliding: SlidingSurfaces | None) -
     return found
 
 
-def _on_other_facets(points: Floats, facets: Mapping[str, Integers], patches: Mapping[str, Patch]) -> Marks:
+def _on_other_facets(
+    n: int, facets: Mapping[str, Integers], patches: Mapping[str, Patch], surfaces: Mapping[str, Integers]
+) -> Marks:
     """(n,) nodes with a boundary facet that belongs to no sliding and no periodic patch."""
-    n = len(points)
-    sides = [patch.nodes for patch in patches.values() if patch.role == "periodic"]
-    sides += whole_walls(points, facets, patches).values()
+    sides = [*surfaces.values(), *(patch.nodes for patch in patches.values() if patch.role == "periodic")]
     found = np.zeros(n, dtype=bool)
     for rows in facets.values():
         other = np.ones(len(rows), dtype=bool)

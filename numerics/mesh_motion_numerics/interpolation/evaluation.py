@@ -6,7 +6,6 @@ depends on the interpolant and that point alone: bitwise the same for any number
 points into calls.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import mesh_motion_kernels as kernels
@@ -74,7 +73,9 @@ def displacement(
         If the points' dimension is not the interpolant's.
     """
     if isinstance(interpolant, Interpolant):
-        out = _sum(kernels.sum_values, interpolant, points)
+        _check_dimension(interpolant, points)
+        layout, weights = interpolant.layout, interpolant.weights[interpolant.layout.order]
+        out = layout.product(interpolant.basis, interpolant.support_radius, padded(points), weights)
         if interpolant.polynomial is not None:
             out += interpolant.polynomial(points)
         return out
@@ -98,13 +99,16 @@ def gradient(interpolant: AnyInterpolant, points: Floats) -> Floats:
         If the basis has no gradient at its centres, or the points' dimension is not the interpolant's.
     """
     require_gradient(interpolant.basis)
+    _check_dimension(interpolant, points)
+    out = np.empty((len(points), interpolant.components, interpolant.dimension))
     if isinstance(interpolant, Interpolant):
-        out = _sum(kernels.sum_gradients, interpolant, points, interpolant.dimension)
+        layout = interpolant.layout
+        centres = layout.coordinates, np.ascontiguousarray(interpolant.weights[layout.order].T)
+        scale = 1.0 / interpolant.support_radius
+        kernels.sum_gradients(interpolant.basis.code, padded(points), *centres, scale, *layout.grid, out)
         if interpolant.polynomial is not None:
             out += interpolant.polynomial.gradient
         return out
-    _check_dimension(interpolant, points)
-    out = np.empty((len(points), interpolant.components, interpolant.dimension))
     if isinstance(interpolant.coarse, Interpolant):
         out[:] = gradient(interpolant.coarse, points)
     else:
@@ -112,16 +116,6 @@ def gradient(interpolant: AnyInterpolant, points: Floats) -> Floats:
     for level in interpolant.levels:
         near = level.layout.within_reach(points)
         out[near] += gradient(level, points[near])
-    return out
-
-
-def _sum(kernel: Callable[..., None], interpolant: Interpolant, points: Floats, *each: int) -> Floats:
-    """The sums over all centres at (n, d) points by ``sum_values`` (n, k), or by ``sum_gradients`` (n, k, *each)."""
-    _check_dimension(interpolant, points)
-    layout, weights = interpolant.layout, interpolant.weights
-    out = np.empty((len(points), weights.shape[1], *each))
-    rows, scale = np.ascontiguousarray(weights[layout.order].T), 1.0 / interpolant.support_radius
-    kernel(interpolant.basis.code, padded(points), layout.coordinates, rows, scale, *layout.grid, out)
     return out
 
 

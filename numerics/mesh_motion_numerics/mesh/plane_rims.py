@@ -16,7 +16,6 @@ from mesh_motion_numerics.arrays import Floats, Integers
 from mesh_motion_numerics.mesh.points import bounding_box
 from mesh_motion_numerics.mesh.roles import Patch
 from mesh_motion_numerics.mesh.smooth_pieces import smooth_pieces
-from mesh_motion_numerics.mesh.whole_walls import whole_walls
 
 __all__ = ["PlaneRims"]
 
@@ -50,11 +49,19 @@ class PlaneRims:
 
     @classmethod
     def build(
-        cls, points: Floats, facets: Mapping[str, Integers], patches: Mapping[str, Patch], moving: Integers
+        cls,
+        points: Floats,
+        facets: Mapping[str, Integers],
+        patches: Mapping[str, Patch],
+        surfaces: Mapping[str, Integers],
+        moving: Integers,
     ) -> PlaneRims:
-        """Find the rims in a mesh with reference ``points`` (n, d) and the ``facets`` (f, k) of its whole boundary."""
+        """Find the rims in a mesh with reference ``points`` (n, d) and the ``facets`` (f, k) of its whole boundary.
+
+        ``surfaces``: the nodes of the :func:`.whole_walls`.
+        """
         rims, planes = [], []
-        for name, nodes in whole_walls(points, facets, patches).items():
+        for name, nodes in surfaces.items():
             role = patches[name].role
             for piece in smooth_pieces(points, facets, nodes):
                 if piece.normal is None:

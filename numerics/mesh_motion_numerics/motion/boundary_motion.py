@@ -121,13 +121,14 @@ class BoundaryMotion:
         check_method(method, points, roles, periodic=any(patch.role == "periodic" for patch in patches.values()))
         radius = method.support_radius or suggest_support_radius(points, roles)
         method = replace(method, support_radius=radius, enrichment_radius=method.enrichment_radius or radius)
-        motion = StandardMotion.of_boundary(points, facets, patches, method)
-        constraint = BoundaryConstraint.build(points, facets, patches, motion.sliding, motion.periodic)
+        motion = StandardMotion.build(points, facets, patches, method)
+        constraint = BoundaryConstraint.build(points, facets, patches, motion.surfaces, motion.sliding, motion.periodic)
         smooth = None if constraint is None else constraint.smooth()
         if len(near):
             layered = LayeredWalls.build(points, near, patches, motion.sliding, facets)
             motion = motion if layered is None else motion.with_layer(layered.layer)
-        return cls(motion, _bodies(roles, patches), PlaneRims.build(points, facets, patches, roles.moving), smooth)
+        rims = PlaneRims.build(points, facets, patches, motion.surfaces, roles.moving)
+        return cls(motion, _bodies(roles, patches), rims, smooth)
 
     @property
     def method(self) -> Method:

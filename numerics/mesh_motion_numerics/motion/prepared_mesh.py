@@ -103,9 +103,9 @@ class PreparedMesh:
         held = np.zeros(len(points), dtype=bool)
         held[boundary_nodes(cells)] = True
         held[roles.all] = True
-        motion = StandardMotion.build(points, cells, patches, method)
         facets = boundary_facets(cells)
-        constraint, smooth = BoundaryConstraint.build(points, facets, patches, motion.sliding, motion.periodic), None
+        motion, smooth = StandardMotion.build(points, facets, patches, method), None
+        constraint = BoundaryConstraint.build(points, facets, patches, motion.surfaces, motion.sliding, motion.periodic)
         if method.correction == "smooth":
             smooth = SmoothMotion.build(points, cells, held, constraint)
         layered = LayeredWalls.build(points, cells, patches, motion.sliding)
@@ -119,7 +119,7 @@ class PreparedMesh:
             motion,
             constraint,
             coincident,
-            PlaneRims.build(points, facets, patches, roles.moving),
+            PlaneRims.build(points, facets, patches, motion.surfaces, roles.moving),
             tuple(warnings),
             smooth,
             layered,

@@ -46,8 +46,6 @@ from mesh_motion_numerics.interpolation.kernels import basis_named
 from mesh_motion_numerics.interpolation.periodic_interpolant import periodic_factorization_of
 from mesh_motion_numerics.interpolation.two_scale.factorization import TwoScalePlan, plan_for, plans_for
 from mesh_motion_numerics.interpolation.two_scale.interpolant import AnyInterpolant
-from mesh_motion_numerics.mesh.boundary_facets import boundary_facets
-from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.mesh.paths import RigidMotion, fit_rigid_motion, substeps
 from mesh_motion_numerics.mesh.periodic_nodes import PeriodicNodes
 from mesh_motion_numerics.mesh.points import bounding_box
@@ -134,6 +132,8 @@ class StandardMotion:
         Reference coordinates, mesh length unit.
     method : Method
         The method with its support radius set.
+    surfaces : dict of (p,) int64 arrays
+        The nodes of the :func:`.whole_walls`.
     sliding : SlidingSurfaces or None
         Surfaces on which ``roles.sliding`` stay; None without such nodes.
     periodic : PeriodicNodes or None
@@ -149,6 +149,7 @@ class StandardMotion:
     reference: Floats
     roles: BoundaryRoles
     method: Method
+    surfaces: Mapping[str, Integers]
     sliding: SlidingSurfaces | None
     periodic: PeriodicNodes | None
     spacing: float
@@ -156,25 +157,22 @@ class StandardMotion:
     layer: BoundaryLayer | None = None
 
     @classmethod
-    def build(cls, points: Floats, cells: CellTable, patches: Mapping[str, Patch], method: Method) -> StandardMotion:
-        """Prepare the motion of a checked mesh with reference coordinates ``points`` (n, d)."""
-        return cls.of_boundary(points, boundary_facets(cells), patches, method)
-
-    @classmethod
-    def of_boundary(
+    def build(
         cls, points: Floats, facets: Mapping[str, Integers], patches: Mapping[str, Patch], method: Method
     ) -> StandardMotion:
-        """Prepare the motion; it needs only the ``facets`` (f, k) of the whole boundary, by type."""
+        """Prepare the motion of a checked mesh with reference coordinates ``points`` (n, d).
+
+        ``facets``: those of the whole boundary (f, k), by type; the motion needs no cells.
+        """
         roles = BoundaryRoles.from_patches(patches)
         periodic = PeriodicNodes.build(points, facets, patches, roles)
-        sliding = None
+        sliding, surfaces = None, whole_walls(points, facets, patches)
         if len(roles.sliding):
-            surfaces = whole_walls(points, facets, patches)
             images = () if periodic is None else periodic.generators
             mirrors = [name for name in surfaces if patches[name].role == "symmetry"]
             sliding = SlidingSurfaces.build(points, facets, surfaces, roles.sliding, images=images, mirrors=mirrors)
         spacing = 0.0 if method.reduction == "none" else boundary_spacing(points[roles.moving])
-        return cls(points, roles, method, sliding, periodic, spacing, {}).with_layer(None)
+        return cls(points, roles, method, surfaces, sliding, periodic, spacing, {}).with_layer(None)
 
     def with_layer(self, layer: BoundaryLayer | None) -> StandardMotion:
         """The same motion with another boundary layer, or none, and so with other control points."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mesh_motion_conformance.case import Case, Outcome
-from mesh_motion_conformance.client import ClientStage, client_cases
+from mesh_motion_conformance.client import Client, ClientStage, client_cases
 from mesh_motion_conformance.presence import require_somebody
 from mesh_motion_conformance.report import line_of, summary, write_json, write_junit
 from mesh_motion_conformance.runner import run, selected
@@ -18,12 +18,14 @@ __all__ = ["Subject", "conform", "listed"]
 
 @dataclass(frozen=True)
 class Subject:
-    """The tested program: a server's endpoint, or the command of a client's driver program.
+    """The tested program: a server's endpoint, or a client.
 
     Attributes
     ----------
-    endpoint, client : str
-        One of them; the other one is empty.
+    endpoint : str
+        Empty for a client.
+    client : str or callable
+        The command of its driver program, or a client in this process; empty for a server.
     seconds, opening_seconds : float
         The longest wait for a reply, and for a reply to a request that starts a process or computes.
     patience : float
@@ -31,7 +33,7 @@ class Subject:
     """
 
     endpoint: str = ""
-    client: str = ""
+    client: str | Client = ""
     seconds: float = 10.0
     patience: float = 5.0
     opening_seconds: float = 120.0
@@ -99,7 +101,7 @@ def conform(
         stage.close()
     report(summary(outcomes))
     if json is not None:
-        write_json(json, outcomes, subject.client or subject.endpoint)
+        write_json(json, outcomes, str(subject.client or subject.endpoint))
     if junit is not None:
         write_junit(junit, outcomes)
     return outcomes

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 from mesh_motion_numerics.interpolation.factor_source import MakeEachTime
+from mesh_motion_numerics.mesh.boundary_facets import boundary_facets
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.mesh.roles import BoundaryRoles
 from mesh_motion_numerics.method import Method
@@ -35,7 +36,7 @@ def moved_by(grid: Grid, targets: Floats) -> tuple[StandardTrial, float]:
     """
     cells, roles = CellTable.from_arrays(grid.cells), BoundaryRoles.from_patches(grid.patches)
     method = with_radii(Method(correction="none"), grid.points, roles)
-    motion = StandardMotion.build(grid.points, cells, grid.patches, method)
+    motion = StandardMotion.build(grid.points, boundary_facets(cells), grid.patches, method)
     wanted = grid.points.copy()
     wanted[grid.body] = targets
     trial = motion.trial(grid.points, wanted[roles.moving], MakeEachTime(), Stopwatch())

@@ -6,9 +6,9 @@ from collections.abc import Callable
 
 from mesh_motion_conformance.case import Case
 from mesh_motion_conformance.client.scenario import Scenario, scenarios
-from mesh_motion_conformance.client.stage import ClientStage
+from mesh_motion_conformance.client.stage import Client, ClientStage
 
-__all__ = ["ClientStage", "client_cases"]
+__all__ = ["Client", "ClientStage", "client_cases"]
 
 
 def client_cases() -> list[Case]:

@@ -6,6 +6,7 @@ import json
 import shlex
 import subprocess
 from collections import Counter
+from collections.abc import Callable, Iterable
 from typing import Any
 
 from mesh_motion_conformance.case import Skip, Unmet
@@ -14,7 +15,10 @@ from mesh_motion_conformance.client.scripted_server import ScriptedServer, Seen
 from mesh_motion_conformance.client.scripted_session import ScriptedSession
 from mesh_motion_conformance.show import show
 
-__all__ = ["ClientStage"]
+__all__ = ["Client", "ClientStage"]
+
+#: A client in Python that plays a scenario in this process: (endpoint, time-out, verbs) → the lines of its driver.
+Client = Callable[[str, float, str], Iterable[dict[str, Any]]]
 
 #: A driver may take this long to start and end, in addition to the time of its verbs, seconds.
 _START_SECONDS = 20.0
@@ -25,14 +29,14 @@ class ClientStage:
 
     Parameters
     ----------
-    command : str
-        The driver program with its arguments, as for a shell.
+    client : str or callable
+        The driver program with its arguments, as for a shell, or a client in this process.
     seconds : float
         Not used, because scenarios have their own times; the same parameter as for servers.
     """
 
-    def __init__(self, command: str, *, seconds: float = 10.0) -> None:
-        self.command = shlex.split(command)
+    def __init__(self, client: str | Client, *, seconds: float = 10.0) -> None:
+        self.client = client
         self.seconds = seconds
         self.sent = ""
 
@@ -57,12 +61,14 @@ class ClientStage:
         _judge_requests(scenario, server)
 
     def _drive(self, scenario: Scenario, endpoint: str) -> list[dict[str, Any]]:
-        """What the driver printed."""
+        """The driver's lines."""
+        if not isinstance(self.client, str):
+            return list(self.client(endpoint, scenario.timeout, scenario.verbs))
         options = ["--endpoint", endpoint, "--timeout", str(scenario.timeout), "--scenario", scenario.verbs]
         allowed = _START_SECONDS + (scenario.timeout + 3) * len(scenario.verbs.split())
         try:
             done = subprocess.run(
-                [*self.command, *options], capture_output=True, text=True, timeout=allowed, check=False
+                [*shlex.split(self.client), *options], capture_output=True, text=True, timeout=allowed, check=False
             )
         except subprocess.TimeoutExpired:
             raise Unmet(f"an end within {allowed:g} s", "the driver was still running") from None

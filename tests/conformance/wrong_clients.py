@@ -1,37 +1,49 @@
-"""Our client's driver with one seeded fault: ``python wrong_client.py FAULT …``."""
+"""Wrong clients: our client with one seeded fault, by name, and the case that must detect it."""
 
-import sys
 from dataclasses import replace
 
-from mesh_motion_client.conformance import main
 from mesh_motion_client.connection import Connection
 from mesh_motion_client.courier import Courier
 from mesh_motion_protocol import codec
 from mesh_motion_protocol.errors import ProtocolError
 from mesh_motion_protocol.messages import Moved
+from seeded_faults import Fault, nothing
+
+WRONG_CLIENTS = []
 
 
-def numbers_repeats_again():
+def fault(*caught):
+    def register(seed):
+        WRONG_CLIENTS.append(Fault(seed.__name__.replace("_", " "), seed, caught))
+        return seed
+
+    return register
+
+
+@fault("10.1-MOVE-repeated-by-the-caller", "11.1-connection-cut-after-MOVE-was-executed")
+def numbers_repeats_again(patch):
     request = Courier._request
 
     def again(self, message, deadline):
         self._sequence += 1
         return request(self, replace(message, sequence=self._sequence), deadline)
 
-    Courier._request = again
+    patch.setattr(Courier, "_request", again)
 
 
-def takes_any_reply():
+@fault("4-replies-to-others-come-first")
+def takes_any_reply(patch):
     receive = Connection._receive
 
     def blind(self, message, deadline, watch, memory):
         reply = receive(self, message, deadline, watch, memory)
         return replace(reply, client=message.client, sequence=message.sequence) if isinstance(reply, Moved) else reply
 
-    Connection._receive = blind
+    patch.setattr(Connection, "_receive", blind)
 
 
-def does_not_join_again():
+@fault("11.1-connection-cut-after-COMMIT-was-executed")
+def does_not_join_again(patch):
     join = Courier.join
 
     def once(self, endpoint, epoch, seconds):
@@ -40,31 +52,36 @@ def does_not_join_again():
             return None
         return join(self, endpoint, epoch, seconds)
 
-    Courier.join = once
+    patch.setattr(Courier, "join", once)
 
 
-def resumes_when_fenced():
-    Courier._check_unfenced = lambda self, probed: None
+@fault("11.3-fenced-while-the-connection-was-broken")
+def resumes_when_fenced(patch):
+    patch.setattr(Courier, "_check_unfenced", nothing)
 
 
-def does_not_repeat_the_trial():
-    Courier._repeat_trial = lambda self, deadline: None
+@fault("11.4-worker-died-before-COMMIT-was-executed")
+def does_not_repeat_the_trial(patch):
+    patch.setattr(Courier, "_repeat_trial", nothing)
 
 
-def refuses_unknown_fields():
+@fault("4-unknown-fields-in-every-reply")
+def refuses_unknown_fields(patch):
     def strict(header, frames, message_bytes, decode=codec._decode):
         if "later" in header["fields"]:
             raise ProtocolError("a field of a later version", code="INVALID_ARGUMENT.HEADER")
         return decode(header, frames, message_bytes)
 
-    codec._decode = strict
+    patch.setattr(codec, "_decode", strict)
 
 
-def does_not_probe():
-    Courier._watch = lambda self: None
+@fault("11.2-PROBE-while-MOVE-is-computed")
+def does_not_probe(patch):
+    patch.setattr(Courier, "_watch", nothing)
 
 
-def takes_lost_steps_for_granted():
+@fault("21.5-committed-steps-did-not-survive")
+def takes_lost_steps_for_granted(patch):
     request = Courier._request
 
     def trusting(self, step):
@@ -76,29 +93,11 @@ def takes_lost_steps_for_granted():
             self._recover(deadline)
         return request(self, replace(message, step=self.step + 1) if self.step < known else message, deadline)
 
-    Courier._take_step, Courier._request = trusting, renumbered
+    patch.setattr(Courier, "_take_step", trusting)
+    patch.setattr(Courier, "_request", renumbered)
 
 
-def sends_a_field_too_many():
+@fault("7-undisturbed")
+def sends_a_field_too_many(patch):
     pack = codec.pack
-    codec.pack = lambda header: pack(header | {"fields": header["fields"] | {"of_ours": 1}})
-
-
-FAULTS = {
-    fault.__name__.replace("_", "-"): fault
-    for fault in (
-        numbers_repeats_again,
-        takes_any_reply,
-        does_not_join_again,
-        resumes_when_fenced,
-        does_not_repeat_the_trial,
-        refuses_unknown_fields,
-        does_not_probe,
-        takes_lost_steps_for_granted,
-        sends_a_field_too_many,
-    )
-}
-
-if __name__ == "__main__":
-    FAULTS[sys.argv[1]]()
-    sys.exit(main(sys.argv[2:]))
+    patch.setattr(codec, "pack", lambda header: pack(header | {"fields": header["fields"] | {"of_ours": 1}}))
