@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from mesh_motion_protocol.errors import InvalidInput, SessionError
-from mesh_motion_protocol.messages import Move, SessionMessage
+from mesh_motion_protocol.messages import Cotangent, Move, SessionMessage, Tangent
 
 from mesh_motion_server.session.journal.replies import RequestId
 
@@ -29,7 +29,10 @@ class Arrival:
 def agreement(request: SessionMessage) -> tuple[tuple[str, object], ...]:
     """The values that the requests of all partitions must have in common: the type, and further fields."""
     common = [name for name in _COMMON if hasattr(request, name)] + (["velocity"] if isinstance(request, Move) else [])
-    return (("type", request.type), *((name, getattr(request, name)) for name in common))
+    values = {"type": request.type} | {name: getattr(request, name) for name in common}
+    if isinstance(request, Tangent | Cotangent):
+        values["columns"] = (request.velocity if isinstance(request, Tangent) else request.weights).shape[1]
+    return tuple(values.items())
 
 
 @dataclass

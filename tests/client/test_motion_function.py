@@ -121,10 +121,50 @@ def test_pytorch_hands_on_what_the_server_says(torch, torch_motion):
         motion(torch.zeros(SIDE, 2))
     with pytest.raises(QualityRefused, match="no valid mesh"):
         motion(torch.tensor(bulge(2.0)))
+
+
+def test_pytorch_refuses_second_derivatives(torch, torch_motion):
+    """Also if the objective has a part that has them: it would be taken for the whole."""
     at = torch.tensor(bulge(0.1), requires_grad=True)
-    (gradient,) = torch.autograd.grad(motion(at).square().sum(), at, create_graph=True)
-    with pytest.raises(RuntimeError, match="once_differentiable"):
-        gradient.sum().backward()
+
+    def objective(x):
+        return torch_motion(x).square().sum() + x.square().sum()
+
+    (gradient,) = torch.autograd.grad(objective(at), at, create_graph=True)
+    for second in (
+        lambda: gradient.sum().backward(),
+        lambda: torch.autograd.functional.hessian(objective, at),
+        lambda: torch.func.hessian(objective)(at),
+        lambda: torch.func.jacrev(torch.func.jacrev(objective))(at),
+    ):
+        with pytest.raises(InvalidInput, match="no second derivative"):
+            second()
+
+
+def test_pytorch_transforms_it(torch, torch_motion, session, monkeypatch):
+    """Forwards and backwards all columns are one request; many displacements are one motion after the other."""
+    motion, at = torch_motion, torch.tensor(bulge(0.5))
+    asked = []
+
+    def noting(call):
+        def noted(rows, *more, **further):
+            asked.append(rows.shape)
+            return call(rows, *more, **further)
+
+        return noted
+
+    monkeypatch.setattr(session, "tangent", noting(session.tangent))
+    monkeypatch.setattr(session, "cotangent", noting(session.cotangent))
+    forwards, backwards = torch.func.jacfwd(motion)(at), torch.func.jacrev(motion)(at)
+    nodes, moving = forwards.shape[0], len(at)
+    assert asked == [(2 * moving, moving, 2), (2 * nodes, nodes, 2)]
+    torch.testing.assert_close(forwards, backwards, rtol=0.0, atol=1e-11)
+    v = torch.cos(9.0 * at) + 1.0
+    np.testing.assert_allclose(torch.func.jvp(motion, (at,), (v,))[1], session.tangent(v.numpy()), rtol=0, atol=1e-13)
+    many = torch.stack([at, 0.5 * at])
+    torch.testing.assert_close(torch.func.vmap(motion)(many), torch.stack([motion(at), motion(0.5 * at)]))
+    gradient = torch.func.grad(lambda x: motion(x).square().sum())
+    torch.testing.assert_close(torch.func.vmap(gradient)(many), torch.stack([gradient(at), gradient(0.5 * at)]))
 
 
 def test_the_page_is_as_it_says(torch, capsys):

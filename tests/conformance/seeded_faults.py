@@ -382,7 +382,7 @@ def answers_the_connection_that_asked_first(patch):
     patch.setattr(execution.Execution, "_gather", stubborn)
 
 
-@fault("9.2-MOVE-and-COMMIT", "9.2-two-frames")
+@fault("9.2-MOVE-and-COMMIT", "9.2-two-frames", "9.2-two-numbers-of-vectors")
 def does_not_compare_what_partitions_ask_for(patch):
     patch.setattr(Gathering, "check_agreement", nothing)
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 
+import mesh_motion_kernels as kernels
 import numpy as np
 import pytest
 from box_meshes import CELL_KINDS, box_mesh
@@ -16,16 +17,18 @@ from mesh_motion_protocol.errors import QualityRefused
 from mesh_motion_server.session.factors import FactorCache
 
 
-def first_root(points: np.ndarray, step: np.ndarray, cells: CellTable) -> float:
-    """Computed with numpy: the roots of the polynomials through d + 1 values of each corner's determinant."""
-    d, least = points.shape[1], np.inf
+def first_roots(points: np.ndarray, step: np.ndarray, cells: CellTable) -> np.ndarray:
+    """(m,) computed with numpy: the roots of the polynomials through d + 1 values of each corner's determinant."""
+    d, least = points.shape[1], []
     for block in cells:
         corners = block.nodes[:, block.type.corner_array]
         edges = [(at[:, :, 1:] - at[:, :, :1]) for at in ((points + s * step)[corners] for s in range(d + 1))]
-        for values in np.moveaxis(np.linalg.det(edges), 0, -1).reshape(-1, d + 1):
-            roots = np.roots(np.polyfit(range(d + 1), values, d))
-            least = min([least, *(r.real for r in roots if abs(r.imag) < 1e-9 and r.real > 0.0)])
-    return least
+        for cell in np.moveaxis(np.linalg.det(edges), 0, -1):
+            roots = [np.roots(np.polyfit(range(d + 1), values, d)) for values in cell]
+            least.append(
+                min([r.real for r in np.concatenate(roots) if abs(r.imag) < 1e-9 and r.real > 0.0], default=np.inf)
+            )
+    return np.array(least)
 
 
 @pytest.mark.parametrize("kind", CELL_KINDS)
@@ -36,11 +39,47 @@ def test_the_first_root_of_the_determinants(kind: str) -> None:
         points = mesh.points + 0.02 * numbers.uniform(-1.0, 1.0, mesh.points.shape)
         step = size * numbers.uniform(-1.0, 1.0, mesh.points.shape)
         found = headroom(points, step, mesh.cells, mesh.sizes, "size", 0.0)
-        assert found.inversion == pytest.approx(first_root(points, step, mesh.cells), rel=1e-9)
+        expected = first_roots(points, step, mesh.cells)
+        assert found.inversion == pytest.approx(expected.min(), rel=1e-9)
+        steps, order = kernels.first_inversions(points, step, mesh.cells.nodes, HORIZON, len(mesh.cells))
+        near = expected[order] < 0.999 * HORIZON
+        np.testing.assert_allclose(steps[near], expected[order][near], rtol=1e-7)
         for s in (1.0 - 1e-9, 1.0 + 1e-9):
             there = headroom(points + s * found.inversion * step, step, mesh.cells, mesh.sizes, "size", 0.0)
             assert (there.inversion == 0.0) == (s > 1.0)
             assert there.cell == found.cell or s < 1.0
+
+
+def corner_determinants(points: np.ndarray, cells: CellTable) -> np.ndarray:
+    """(m,) smallest determinant of each cell's corners."""
+    least = []
+    for block in cells:
+        at = points[block.nodes[:, block.type.corner_array]]
+        least.append(np.linalg.det(at[:, :, 1:] - at[:, :, :1]).min(axis=1))
+    return np.concatenate(least)
+
+
+@pytest.mark.parametrize(
+    ("kind", "n"), [("quad + triangle", 120), ("hexahedron", 26), ("wedge", 21), ("pyramid", 15), ("tetra", 15)]
+)
+def test_the_first_cells_of_a_large_mesh(kind: str, n: int) -> None:
+    """Most cells are excluded without their roots; the others are those of all cells, and no cell inverts earlier."""
+    mesh, numbers = box_mesh(kind, n), np.random.default_rng(n)
+    assert len(mesh.cells) > 2 * 8192  # from here on, a sample of the cells bounds the first roots
+    x, count = mesh.points, 64
+    way = 0.02 * np.sin(np.roll(7.0 * x, 1, axis=1)) + numbers.uniform(-1.0, 1.0, x.shape) / n**2
+    for inverting in (count, 20):
+        steps, first = kernels.first_inversions(x, way, mesh.cells.nodes, HORIZON, count)
+        every, order = kernels.first_inversions(x, way, mesh.cells.nodes, HORIZON, len(mesh.cells))
+        assert sorted(order) == list(range(len(mesh.cells)))
+        np.testing.assert_allclose(steps, every[:count], rtol=1e-13)
+        np.testing.assert_array_equal(first, order[:count])
+        assert np.isfinite(steps).sum() == inverting
+        last = min(steps[-1], HORIZON)
+        for s in np.linspace(0.0, 0.999999 * last, 8):
+            least = corner_determinants(x + s * way, mesh.cells)
+            assert (np.delete(least, first[steps <= last]) > 0.0).all()
+        way *= (0.5 * (steps[19] + steps[20])) / HORIZON
 
 
 @pytest.mark.parametrize("kind", CELL_KINDS)

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from mesh_motion_protocol.messages import Commit, Cotangent, Move, Tangent
+from mesh_motion_protocol.messages import Commit, Cotangent, ErrorReply, Move, Tangent
 from real_sessions import boxed, bulge, new_session
 
 from mesh_motion_server.service.dispatch import SessionHost
@@ -107,6 +107,19 @@ def test_partitions_that_disagree_are_refused(store: Any) -> None:
     rows[1] = rows[1] + 1e-3
     refused = asked(driver, Tangent, "velocity", rows, "committed")
     assert {reply.code for reply in refused} == {"INVALID_ARGUMENT.PARTITION"}
+    driver.host.close()
+
+
+@pytest.mark.parametrize("kind", [Tangent, Cotangent])
+def test_partitions_that_give_different_numbers_of_vectors_are_refused(store: Any, kind: Any) -> None:
+    driver = new_session(store, split_mesh(boxed(12), 2), "7" * 32, support_radius=0.8)
+    driver.open()
+    name = "velocity" if kind is Tangent else "weights"
+    rows = velocities(driver) if kind is Tangent else [np.ones((len(mesh.points), 4)) for mesh in driver.meshes]
+    refused = asked(driver, kind, name, [rows[0], rows[1][:, :2]], "committed")
+    assert [reply.code for reply in refused] == ["INVALID_ARGUMENT.PARTITION"] * 2
+    assert "columns 4, partition 1 for" in refused[0].message
+    assert all(type(reply) is not ErrorReply for reply in asked(driver, kind, name, rows, "committed"))
     driver.host.close()
 
 

@@ -8,7 +8,8 @@
     displacement = motion(boundary)         # (n, d) of all nodes for (k, d) of session.moving_nodes, float64
     objective(points + displacement).backward()
 
-A derivative includes the correction of the mesh; there is no second derivative.
+A derivative includes the correction of the mesh; there is no second derivative. ``torch.func`` works, too: ``jacfwd``
+and ``jacrev`` request all columns at once, ``vmap`` of the motion moves the mesh once for each column.
 """
 
 from __future__ import annotations
@@ -19,7 +20,6 @@ from mesh_motion_protocol.errors import InvalidInput
 
 try:
     import torch
-    from torch.autograd.function import once_differentiable
 except ImportError as error:
     raise ImportError(
         f"this needs torch, which cannot be imported: {error} (pip install 'mesh-motion-client[torch]')"
@@ -67,6 +67,8 @@ class Motion:
 
 
 class _Motion(torch.autograd.Function):
+    """The motion. Its derivatives are functions of PyTorch too, so that they work inside ``torch.func``."""
+
     @staticmethod
     def forward(displacement: torch.Tensor, motion: MotionFunction) -> torch.Tensor:
         return _like(displacement, motion.value(_array(displacement)))
@@ -79,15 +81,67 @@ class _Motion(torch.autograd.Function):
         ctx.save_for_forward(displacement)
 
     @staticmethod
-    @once_differentiable
     def backward(ctx: Any, weights: torch.Tensor) -> tuple[torch.Tensor, None]:
-        (displacement,) = ctx.saved_tensors
-        return _like(displacement, ctx.motion.cotangent(_array(displacement), _array(weights))), None
+        return _Derivative.apply(*ctx.saved_tensors, weights, ctx.motion, "cotangent"), None
 
     @staticmethod
     def jvp(ctx: Any, velocity: torch.Tensor, _: None) -> torch.Tensor:
-        (displacement,) = ctx.saved_tensors
-        return _like(displacement, ctx.motion.tangent(_array(displacement), _array(velocity)))
+        return _Derivative.apply(*ctx.saved_tensors, velocity, ctx.motion, "tangent")
+
+    @staticmethod
+    def vmap(info: Any, axes: tuple[int, None], displacement: torch.Tensor, motion: Any) -> tuple[torch.Tensor, int]:
+        del info
+        return torch.stack([_Motion.apply(each, motion) for each in displacement.unbind(axes[0])]), 0
+
+
+class _Derivative(torch.autograd.Function):
+    """J v (``way`` "tangent") or Jᵀ w ("cotangent") at ``displacement`` for one or several vectors (…, m, d).
+
+    It is linear in the vectors, and not differentiated by the displacement.
+    """
+
+    @staticmethod
+    def forward(displacement: torch.Tensor, vectors: torch.Tensor, motion: MotionFunction, way: str) -> torch.Tensor:
+        return _like(vectors, getattr(motion, way)(_array(displacement), _array(vectors)))
+
+    @staticmethod
+    def setup_context(ctx: Any, inputs: tuple[Any, ...], output: torch.Tensor) -> None:
+        del output
+        displacement, _, ctx.motion, ctx.way = inputs
+        ctx.save_for_backward(displacement)
+        ctx.save_for_forward(displacement)
+
+    @staticmethod
+    def backward(ctx: Any, weights: torch.Tensor) -> tuple[None, torch.Tensor, None, None]:
+        if ctx.needs_input_grad[0]:
+            raise _no_second_derivative()
+        other = "cotangent" if ctx.way == "tangent" else "tangent"
+        return None, _Derivative.apply(*ctx.saved_tensors, weights, ctx.motion, other), None, None
+
+    @staticmethod
+    def jvp(ctx: Any, along: torch.Tensor | None, vectors: torch.Tensor | None, *_: None) -> torch.Tensor:
+        if along is not None or vectors is None:
+            raise _no_second_derivative()
+        return _Derivative.apply(*ctx.saved_tensors, vectors, ctx.motion, ctx.way)
+
+    @staticmethod
+    def vmap(
+        info: Any, axes: tuple[Any, ...], displacement: torch.Tensor, vectors: torch.Tensor, motion: Any, way: str
+    ) -> tuple[torch.Tensor, int]:
+        """One request for many vectors at one place; one after the other at several places."""
+        at, of = axes[:2]
+        if at is None and vectors.dim() == 3:
+            return _Derivative.apply(displacement, vectors.movedim(of, 0), motion, way), 0
+        places = [displacement] * info.batch_size if at is None else displacement.unbind(at)
+        given = [vectors] * info.batch_size if of is None else vectors.unbind(of)
+        return torch.stack([_Derivative.apply(*pair, motion, way) for pair in zip(places, given, strict=True)]), 0
+
+
+def _no_second_derivative() -> InvalidInput:
+    return InvalidInput(
+        "the motion has no second derivative: this differentiates J v or Jᵀ w by the displacement",
+        hint="torch.func.jvp gives J v; differences of first derivatives give second ones",
+    )
 
 
 def _array(tensor: torch.Tensor) -> Array:

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 import mesh_motion_kernels as kernels
 import numpy as np
 
-from mesh_motion_numerics.arrays import Floats
+from mesh_motion_numerics.arrays import Floats, Integers
 from mesh_motion_numerics.mesh.cells import CellTable
-from mesh_motion_numerics.quality.metrics import AtRest, subset_quality
-from mesh_motion_numerics.quality.quality_summary import smallest
+from mesh_motion_numerics.quality.metrics import AtRest, CellsAtRest, cell_quality
 
 __all__ = ["HORIZON", "Headroom", "headroom"]
 
@@ -48,22 +47,18 @@ def headroom(points: Floats, step: Floats, cells: CellTable, rest: AtRest, metri
     Parameters
     ----------
     rest : (m,) array or CellsAtRest
-        The reference mesh, in the form of :func:`.subset_quality`.
+        The reference mesh, in the form of :func:`.cell_quality`.
     metric : str
         The quality metric of the ``threshold``.
     """
-    steps = np.empty(len(cells))
-    for block, rows in cells.numbered:
-        kernels.steps_to_inversion(
-            points, step, np.ascontiguousarray(block.nodes), block.type.corner_array, HORIZON, steps[rows]
-        )
-    first = smallest(steps, min(_FIRST, len(steps)))
+    steps, first = kernels.first_inversions(points, step, cells.nodes, HORIZON, _FIRST)
+    nodes, few, few_at_rest = _only(cells, rest, np.sort(first))
+    begin, way = points[nodes], step[nodes]
 
     def is_above(s: float) -> bool:
-        there = subset_quality(points + s * step, cells, rest, first)
-        return bool(there.metric(metric).min() >= threshold)
+        return bool(cell_quality(begin + s * way, few, few_at_rest).metric(metric).min() >= threshold)
 
-    low, high = 0.0, min(float(steps[first[0]]), HORIZON)
+    low, high = 0.0, min(float(steps[0]), HORIZON)
     if not is_above(0.0):
         high = 0.0
     elif is_above(high):  # a threshold below 0, or beyond the horizon
@@ -72,4 +67,16 @@ def headroom(points: Floats, step: Floats, cells: CellTable, rest: AtRest, metri
         for _ in range(_HALVINGS):
             middle = 0.5 * (low + high)
             low, high = (middle, high) if is_above(middle) else (low, middle)
-    return Headroom(float(steps[first[0]]), low, int(first[0]))
+    return Headroom(float(steps[0]), low, int(first[0]))
+
+
+def _only(cells: CellTable, rest: AtRest, numbers: Integers) -> tuple[Integers, CellTable, AtRest]:
+    """The nodes of the cells with these ascending numbers, and these cells as a mesh that has only these nodes."""
+    rows = {
+        block.type.name: block.nodes[numbers[(span.start <= numbers) & (numbers < span.stop)] - span.start]
+        for block, span in cells.numbered
+    }
+    nodes = np.unique(np.concatenate([own.ravel() for own in rows.values()]))
+    at_rest = rest[numbers]
+    table = CellTable.from_arrays({name: np.searchsorted(nodes, own) for name, own in rows.items()})
+    return nodes, table, at_rest.of_nodes(nodes) if isinstance(at_rest, CellsAtRest) else at_rest

@@ -46,7 +46,7 @@ void bind_quality(nanobind::module_& m) {
     bind(m, "count_in_bins", count_in_bins);
     bind(m, "values_in_bin", values_in_bin);
     bind(m, "bounded_quality", bounded_quality);
-    bind(m, "steps_to_inversion", steps_to_inversion);
+    bind(m, "first_inversions", first_inversions);
     bind(m, "sort_cells", sort_cells<std::int32_t>);
     bind(m, "sort_cells", sort_cells<Index>);
     bind(m, "first_row_with_repetition", first_row_with_repetition);

@@ -162,6 +162,16 @@ def disagreement() -> Iterator[Case]:
     yield Case("9.2", "ROLLBACK-and-COMMIT", demand, run("ROLLBACK", "COMMIT"))
     yield Case("9.2", "two-frames", demand, run("MOVE", "MOVE", frame="reference"))
 
+    def of_vectors(stage: Stage) -> None:
+        session = _pair(stage, "TRIAL")
+        for partition, vectors in enumerate((1, 2)):
+            velocity = np.tile(session.rows(partition), vectors)
+            _ask(session, Request("TANGENT", session.address(partition), {"velocity": velocity}), partition)
+        for partition in (0, 1):
+            refused(session.lines[partition].receive(session.stage.opening_seconds), _PARTITION, state="TRIAL")
+
+    yield Case("9.2", "two-numbers-of-vectors", demand, of_vectors)
+
 
 @suite("9.3")
 def own_rows(stage: Stage) -> None:
