@@ -6,6 +6,7 @@ if there is none, the patch that reaches farthest inside moves. One layer of cel
 is joined to a fixed patch bends; others are shifted.
 """
 
+import math
 import os
 from itertools import combinations
 from pathlib import Path
@@ -115,13 +116,14 @@ def draft(mesh: MeshFile, folder: Path, zone: str = "") -> str:
     centre = (body.min(axis=0) + body.max(axis=0)) / 2
     direction = np.eye(mesh.dimension)[min(1, mesh.dimension - 1)] if layer is None else layer.axes[1]
     normal = None if layer is None else np.cross(*layer.axes)
-    length = _SHARE * float(np.ptp(body, axis=0).max() or np.ptp(mesh.points, axis=0).max())
+    extent = float(np.ptp(mesh.points, axis=0).max())
+    length = _SHARE * (float(np.ptp(body, axis=0).max()) or extent)
     axis = np.eye(3)[2] if normal is None else normal
     about = f"centre = {_vector(centre)}" + (f", axis = {_vector(axis)}" if mesh.dimension == 3 else "")
     rigid = f"rigid = {{ translation = {_vector(length * direction)}, rotation = 0.0, {about} }}"
     fixed = [name for name, (role, _) in roles.items() if role == "fixed"]
     motions = "\n".join(
-        f"[[motion]]\npatch = {toml_text(name)}\n{rigid if bent is None else _bending(bent)}\n"
+        f"[[motion]]\npatch = {toml_text(name)}\n{rigid if bent is None else _bending(bent, extent)}\n"
         for body in bodies(mesh, moving)
         for bent in [clamped_bending(mesh, body, fixed, _SHARE, normal)]
         for name in body
@@ -150,9 +152,13 @@ count = 10
 """
 
 
-def _bending(motion: Bending) -> str:
-    """The key ``bending``, with all digits, because the clamped nodes must not move."""
+def _bending(motion: Bending, extent: float) -> str:
+    """The key ``bending``, with the digits that count in a mesh of this extent: clamped nodes must not move."""
+    digits = 11 - math.ceil(math.log10(extent))
     given = motion.model_dump(exclude_defaults=True)
+    for key in ("clamp", "tip", "axis"):
+        if key in given:
+            given[key] = [round(value, 11 if key == "axis" else digits) + 0.0 for value in given[key]]  # no -0.0
     text = ", ".join(f"{key} = {'true' if value is True else value}" for key, value in given.items())
     return f"bending = {{ {text} }}"
 
@@ -163,4 +169,4 @@ def _vector(values: Floats) -> str:
 
 def _number(value: float) -> str:
     """The number with four digits, enough for a draft."""
-    return repr(float(f"{value:.4g}"))
+    return repr(float(f"{value:.4g}") + 0.0)  # no -0.0

@@ -1,5 +1,6 @@
 """The state folder belongs to one server at a time, and to one user."""
 
+import errno
 import fcntl
 import json
 import os
@@ -16,12 +17,15 @@ from mesh_motion_server.transport.endpoints import EndpointError
 __all__ = ["StateFolder"]
 
 _LOCK = "server.lock"
+#: Errors of file systems that lock no folder.
+_NO_LOCK = {errno.ENOLCK, errno.EOPNOTSUPP, errno.EINVAL, errno.EBADF, errno.ENOSYS}
 
 
 class StateFolder:
     """The state folder, held by this process until it ends.
 
-    The kernel ends the lock together with its process: after a crash the file is unlocked.
+    The kernel ends the locks together with their process: after a crash the folder is unlocked. The folder itself is
+    locked too, because its file may be removed while the server runs.
 
     Parameters
     ----------
@@ -43,22 +47,36 @@ class StateFolder:
             for folder in (root, root / "sessions"):
                 _require_own(folder)
             _require_in_place(root)
-            self._lock = os.open(root / _LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600)
+            self._folder = os.open(root, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
         except OSError as error:
             raise _refused(root, error) from error
         try:
-            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            self._lock = self._locked()
+        except BaseException:
+            os.close(self._folder)
+            raise
+
+    def _locked(self) -> int:
+        """The lock's file, both locked."""
+        try:
+            fcntl.flock(self._folder, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            holder = _holder(self._lock)
-            os.close(self._lock)
-            raise ResourceExhausted(
-                f"the state folder {root} is held by another server: {holder}",
-                code="UNAVAILABLE",
-                hint="use that server, stop it first, or give another --state",
-            ) from None
+            raise _held(self._root, _holder(self._root / _LOCK)) from None
         except OSError as error:
-            os.close(self._lock)
-            raise _refused(root, error) from error
+            if error.errno not in _NO_LOCK:
+                raise _refused(self._root, error) from error
+        try:
+            lock = os.open(self._root / _LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600)
+        except OSError as error:
+            raise _refused(self._root, error) from error
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            os.close(lock)
+            if isinstance(error, BlockingIOError):
+                raise _held(self._root, _holder(self._root / _LOCK)) from None
+            raise _refused(self._root, error) from error
+        return lock
 
     def name_holder(self, endpoint: str) -> None:
         """Write this server as the holder, for the error of another server.
@@ -78,6 +96,7 @@ class StateFolder:
     def release(self) -> None:
         """Let another server hold the folder."""
         os.close(self._lock)
+        os.close(self._folder)
 
 
 def _require_own(folder: Path) -> None:
@@ -116,13 +135,23 @@ def _require_in_place(root: Path) -> None:
             )
 
 
-def _holder(lock: int) -> str:
+def _holder(path: Path) -> str:
     """The holder in the lock file; if it cannot be read, a text that says so."""
     try:
-        found: dict[str, Any] = json.loads(os.pread(lock, 4096, 0))
+        found: dict[str, Any] = json.loads(path.read_bytes())
         return f"process {found['pid']} on {found['host']}, endpoint {found['endpoint']}"
+    except FileNotFoundError:
+        return f"its file {path} was removed, so its process is not known"
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return "its process is just starting"
+
+
+def _held(root: Path, holder: str) -> ResourceExhausted:
+    return ResourceExhausted(
+        f"the state folder {root} is held by another server: {holder}",
+        code="UNAVAILABLE",
+        hint="use that server, stop it first, or give another --state",
+    )
 
 
 def _refused(root: Path, error: OSError) -> MeshMotionError:

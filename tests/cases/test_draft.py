@@ -9,9 +9,9 @@ from box_meshes import box_mesh
 from mesh_motion_protocol.errors import InvalidInput
 from typer.testing import CliRunner
 
-from mesh_motion_server.cases.case import read_case
+from mesh_motion_server.cases.case import Bending, read_case
 from mesh_motion_server.cases.draft import draft, guessed_roles
-from mesh_motion_server.cases.motion_program import MotionProgram
+from mesh_motion_server.cases.motion_program import BendingProgram, MotionProgram
 from mesh_motion_server.commands.app import app
 from mesh_motion_server.files import MeshFile, read_mesh
 
@@ -34,6 +34,29 @@ def test_roles_are_guessed_by_name_and_place(example: str, roles: dict[str, str]
     case = read_case(path)
     moved = MotionProgram.of(case, case.read_mesh()).displacement(10)
     assert np.abs(moved).max() > 0
+
+
+def numbers_of(value: object) -> list[float]:
+    """All floats in a document."""
+    if isinstance(value, float):
+        return [value]
+    inner = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
+    return [number for part in inner for number in numbers_of(part)]
+
+
+@pytest.mark.parametrize("scale", [1e-3, 1.0, 3e4])
+def test_its_numbers_are_rounded_and_clamped_nodes_do_not_move(tmp_path: Path, scale: float) -> None:
+    flap = layer(tmp_path / "mesh.npz", 2, two=True, flap=True)
+    mesh = replace(flap, points=scale * (flap.points + np.array([0.1, 0.7, -0.3])))
+    values = tomllib.loads(draft(mesh, tmp_path))
+    assert "bending" in values["motion"][0]
+    for number in numbers_of(values):
+        assert len(repr(number).strip("-").replace(".", "").strip("0")) <= 12
+        assert repr(number) != "-0.0"
+    motion = Bending(**values["motion"][0]["bending"])
+    clamped = mesh.points[np.intersect1d(mesh.patches["wall"], mesh.patches["rim"])]
+    moved = BendingProgram(clamped, motion, lambda step: 1.0).displacement(1)
+    assert np.abs(moved).max() <= 1e-10 * scale
 
 
 def test_the_motions_in_its_comments_are_motions_too(make_case) -> None:

@@ -22,7 +22,7 @@ from mesh_motion_numerics.method import Method
 from mesh_motion_numerics.motion.motion import MotionModel
 from mesh_motion_protocol.errors import InvalidInput, QualityRefused
 from periodic_meshes import periodic_box, sector, turn
-from sliding_meshes import Mesh, duct
+from sliding_meshes import Mesh, duct, rounded
 
 from mesh_motion_server.session.factors import FactorCache
 
@@ -96,6 +96,9 @@ CASES: dict[str, tuple[Callable[[], Mesh], dict[str, object]]] = {
     "curved slip walls with a layer": (lambda: nothing_fixed(duct("quad", 10, bend=0.6), "x0", "x1"), PLAIN),
     "nothing fixed, in a box that slips": (lambda: nothing_fixed(duct("quad")), {}),
     "nothing fixed, in a bend that slips": (lambda: nothing_fixed(duct("hexahedron", 5, bend=0.6)), PLAIN),
+    "nothing fixed, in a disc that slips": (lambda: rounded(2, around=24), {}),
+    "nothing fixed, in a cylinder that slips": (lambda: rounded(3, around=24), PLAIN),
+    "nothing fixed, in a rounded box that slips": (lambda: rounded(2, power=4.0), PLAIN),
     "nothing fixed, carried along walls": (lambda: nothing_fixed(duct("quad"), "x0", "x1"), {}),
     "nothing fixed, carried along walls in space": (lambda: nothing_fixed(duct("tetra", 5), "x0", "x1"), PLAIN),
     "nothing fixed, periodic both ways": (lambda: periodic_box("quad", axes="xy"), {}),
@@ -111,7 +114,8 @@ CARRIED = {
     "nothing fixed",
     "nothing fixed in space",
     *(name for name in CASES if name.startswith(("nothing fixed, carried", "nothing fixed, periodic"))),
-    *(name for name in CASES if name.startswith("nothing fixed, a sector")),
+    *(name for name in CASES if name.startswith(("nothing fixed, a sector", "nothing fixed, in a disc"))),
+    "nothing fixed, in a cylinder that slips",
 }
 
 

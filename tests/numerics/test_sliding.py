@@ -1,10 +1,12 @@
 import numpy as np
 import pytest
+from box_meshes import box_mesh
 from frame_meshes import tensor_grid
 from mesh_motion_numerics.mesh.boundary_facets import boundary_facets, boundary_nodes
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.mesh.sliding import SlidingSurfaces
 from mesh_motion_numerics.mesh.surface_constraints import OnFacets
+from mesh_motion_numerics.mesh.wall_lines import WallLine
 from mesh_motion_protocol.errors import InvalidInput
 from scipy.spatial import ConvexHull
 
@@ -181,6 +183,32 @@ class TestCurved:
         points, cells, outer, _ = ring(8, 1)  # an octagon turns by 45° at each corner: eight planes
         surfaces = SlidingSurfaces.build(points, boundary_facets(cells), {"o": outer}, outer)
         assert np.allclose(surfaces.project(points[outer] + 0.01), points[outer], rtol=0, atol=1e-15)
+
+
+def test_a_facet_of_a_plane_with_all_nodes_on_the_curved_wall_is_part_of_the_plane():
+    """At a sharp rim of a pipe some facets of its end have all nodes on the pipe: these rim nodes were held."""
+    mesh = box_mesh("tetra", 5)
+    points, away = mesh.points.copy(), mesh.points[:, :2] - 0.5
+    points[:, :2] = 0.5 + away * (np.abs(away).max(axis=1) / np.maximum(np.linalg.norm(away, axis=1), 1e-12))[:, None]
+    ends = {f"z{end}": np.flatnonzero(points[:, 2] == end) for end in (0, 1)}
+    wall = np.flatnonzero(((mesh.points == 0.0) | (mesh.points == 1.0))[:, :2].any(axis=1))
+    nodes = np.unique(np.concatenate([wall, *ends.values()]))
+    surfaces = SlidingSurfaces.build(points, boundary_facets(mesh.cells), ends | {"wall": wall}, nodes)
+    assert len(surfaces.pieces) == 3
+    freedom = dict(zip(surfaces.nodes.tolist(), surfaces.freedom().tolist(), strict=True))
+    rim = set(wall.tolist()) & set(np.concatenate(list(ends.values())).tolist())
+    assert {node for node, count in freedom.items() if count == 1} == rim
+
+
+@pytest.mark.parametrize(("bend", "least"), [(0.0, 0.1), (1.0, 0.3)])
+def test_spacings_on_a_curved_line_shrink_less_as_no_correction_follows(bend, least):
+    along = np.linspace(0.0, 1.0, 11)
+    line = WallLine(np.arange(11), np.column_stack([along, bend * along**2]))
+    known = (along == 0.0) | (along == 1.0)
+    crowded = np.where(known, along, 0.02 * along)
+    found = line.in_order(np.column_stack([crowded, bend * crowded**2]), known)
+    steps = np.linalg.norm(np.diff(found, axis=0), axis=1) / np.linalg.norm(np.diff(line.places, axis=0), axis=1)
+    assert steps.min() == pytest.approx(least, rel=0.05)
 
 
 def test_a_node_without_facets_is_named():

@@ -1,7 +1,10 @@
 """The state folder: one server, one user."""
 
+import errno
+import fcntl
 import json
 import os
+import stat
 from pathlib import Path
 
 import pytest
@@ -27,6 +30,33 @@ def test_what_a_crash_leaves_is_no_lock(tmp_path: Path, left: bytes) -> None:
     with pytest.raises(ResourceExhausted, match="held by another server: its process is just starting"):
         StateFolder(tmp_path)
     held.release()
+
+
+def test_the_folder_stays_held_if_its_file_is_removed(tmp_path: Path) -> None:
+    first = StateFolder(tmp_path)
+    first.name_holder("tcp://127.0.0.1:7440")
+    (tmp_path / "server.lock").unlink()
+    with pytest.raises(ResourceExhausted, match=r"held by another server: its file .*server\.lock was removed"):
+        StateFolder(tmp_path)
+    assert not (tmp_path / "server.lock").exists()
+    first.release()
+    StateFolder(tmp_path).release()
+
+
+def test_where_folders_cannot_be_locked_the_file_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As on NFS, where the lock of a folder fails because a folder cannot be opened for writing."""
+
+    def flock(descriptor: int, how: int) -> None:
+        if stat.S_ISDIR(os.fstat(descriptor).st_mode):
+            raise OSError(errno.EBADF, os.strerror(errno.EBADF))
+        real(descriptor, how)
+
+    real = fcntl.flock
+    monkeypatch.setattr(fcntl, "flock", flock)
+    first = StateFolder(tmp_path)
+    with pytest.raises(ResourceExhausted, match="held by another server"):
+        StateFolder(tmp_path)
+    first.release()
 
 
 @pytest.mark.parametrize("mode", [0o777, 0o770, 0o702])

@@ -94,6 +94,15 @@ class BoundaryConstraint:
             released &= ~_torn(released, self.periodic)
         return replace(self, released=released, sliding=sliding) if released.any() else None
 
+    def with_walls_held(self) -> BoundaryConstraint | None:
+        """Return the constraint without its sliding nodes; None if no other node may move."""
+        released = self.released.copy()
+        if self.sliding is not None:
+            released[self.sliding.nodes] = False
+        if self.periodic is not None:
+            released &= ~_torn(released, self.periodic)
+        return replace(self, released=released, sliding=None) if released.any() else None
+
     def renumbered(self, rows: Integers, points: Floats) -> BoundaryConstraint | None:
         """Return the constraint of a region with nodes at ``points`` (k, d); ``rows`` (k,): mesh rows, ascending, or -1
 

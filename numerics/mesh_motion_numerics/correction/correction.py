@@ -165,18 +165,27 @@ def _optimised(problem: CorrectionProblem, method: Method, mesh: TrialMesh, qual
     if problem.start.shape[1] == 1:
         freed = int(np.count_nonzero(~mesh.held))
         return replace(_without_points(problem, equal_stretch(problem.begin, mesh)), freed_nodes=freed)
-    mesh = mesh.released(problem.constraint)
+    found = _with_trial_nodes(problem, method, mesh.released(problem.constraint), quality)
+    walls = problem.constraint if problem.constraint is not None and problem.constraint.sliding is not None else None
+    if found is not None and walls is not None and found.minimum < method.quality_threshold:
+        # nodes on a curved wall can stop the iterations early
+        held = mesh.released(walls.with_walls_held())
+        alone = _with_trial_nodes(problem, method, held, quality) or found
+        found = max(found, alone, key=lambda one: one.minimum)
+    return _without_points(problem, problem.begin) if found is None else _freed(problem, found)
+
+
+def _with_trial_nodes(problem: CorrectionProblem, method: Method, mesh: TrialMesh, quality: Floats) -> Polished | None:
+    """Free trial nodes of a mesh with this quality (m,); None if this cannot make it valid."""
     if mesh.held.all() or not _could_be_valid(mesh, quality):
-        return _without_points(problem, problem.begin)
+        return None
     target = target_quality(problem, method)
-    found: Polished
-    if np.isfinite(target):
-        found = reach(problem.begin, mesh, target, quality=quality)
-        if method.correction_target is None and mesh.metric == "relative-size-skew" and found.minimum >= target:
-            found = _raised(found, mesh, _AMPLE * target)
-    else:
-        found = polish(problem.begin, mesh, mesh.free(~mesh.held))
-    return _freed(problem, found)
+    if not np.isfinite(target):
+        return polish(problem.begin, mesh, mesh.free(~mesh.held))
+    found = reach(problem.begin, mesh, target, quality=quality)
+    if method.correction_target is None and mesh.metric == "relative-size-skew" and found.minimum >= target:
+        return _raised(found, mesh, _AMPLE * target)
+    return found
 
 
 def _raised(found: Polished, mesh: TrialMesh, target: float) -> Polished:

@@ -22,6 +22,7 @@ import numpy as np
 from mesh_motion_protocol.errors import InvalidInput
 
 from mesh_motion_numerics.arrays import Floats, Integers, Marks
+from mesh_motion_numerics.mesh.endless_walls import axis_of, endless_nodes
 from mesh_motion_numerics.mesh.paths import RigidMotion
 from mesh_motion_numerics.mesh.rigid_transforms import Transform
 from mesh_motion_numerics.mesh.smooth_pieces import Piece, sides, smooth_pieces
@@ -54,6 +55,12 @@ class SlidingSurfaces:
         The smooth pieces of the patches.
     lines : tuple of WallLine
         Lines along which some of the nodes slide.
+    endless : (n,) bool array or None
+        Nodes on curved walls without an end, which only follow the mesh's rigid motion; None without any.
+    axis : Transform or None
+        A rotation about the only axis about which that motion turns.
+    turns : bool
+        Whether that motion may turn at all.
     """
 
     nodes: Integers
@@ -61,6 +68,9 @@ class SlidingSurfaces:
     groups: tuple[tuple[Integers, SurfaceConstraint], ...]
     pieces: tuple[Piece, ...] = ()
     lines: tuple[WallLine, ...] = ()
+    endless: Marks | None = None
+    axis: Transform | None = None
+    turns: bool = True
 
     @classmethod
     def build(
@@ -111,6 +121,16 @@ class SlidingSurfaces:
         freedom = np.zeros(len(points), dtype=np.int64)
         freedom[nodes] = found.freedom()
         return replace(found, lines=wall_lines(points, pieces, freedom))
+
+    def alone(self, points: Floats, *, periodic: bool) -> SlidingSurfaces:
+        """The same surfaces in a mesh (n, d) without fixed nodes; in a periodic one the periods give the axis."""
+        sliding = np.zeros(len(points), dtype=bool)
+        sliding[self.nodes] = True
+        endless = endless_nodes(self.pieces, sliding)
+        if not endless.any() or not self.freedom().all():
+            return self
+        axis, ball = (None, True) if periodic else axis_of(points, self.pieces)
+        return replace(self, endless=endless, axis=axis, turns=axis is not None or ball)
 
     def project(self, positions: Floats) -> Floats:
         """The admissible positions nearest to ``positions`` (s, d), a row for each of ``nodes``; mesh length unit."""
@@ -177,7 +197,14 @@ class SlidingSurfaces:
     def by_freedom(self) -> tuple[SlidingSurfaces, ...]:
         """The nodes of each freedom, the smallest first: corners, then lines, then surfaces."""
         freedom = self.freedom()
+        if self.endless is not None:
+            freedom[self.endless[self.nodes]] = -1  # before all others
         return tuple(self.of(freedom == value) for value in np.unique(freedom))
+
+    @property
+    def only_carried(self) -> bool:
+        """Whether these nodes follow nothing but the mesh's rigid motion."""
+        return self.endless is not None and bool(self.endless[self.nodes].all())
 
     def held(self) -> SlidingSurfaces:
         """The same nodes, all of them held at their reference places."""
@@ -191,12 +218,19 @@ class SlidingSurfaces:
 
 
 def _pieces(points: Floats, facets: Mapping[str, Integers], patches: Mapping[str, Integers]) -> list[Piece]:
-    """The smooth pieces of the patches; facets on two patches count once."""
+    """The smooth pieces of the patches; facets on two patches count once, and pieces in one plane are one piece."""
     found: dict[bytes, Piece] = {}
     for name in sorted(patches):
         for piece in smooth_pieces(points, facets, patches[name]):
             found.setdefault(piece.nodes.tobytes(), piece)
-    return list(found.values())
+    whole: list[Piece] = []
+    for piece in found.values():
+        same = next((number for number, other in enumerate(whole) if other.in_plane_of(piece, points)), None)
+        if same is None:
+            whole.append(piece)
+        else:
+            whole[same] = whole[same].with_facets_of(piece)
+    return whole
 
 
 def _pieces_of(pieces: list[Piece], n_points: int, nodes: Integers) -> list[tuple[int, ...]]:

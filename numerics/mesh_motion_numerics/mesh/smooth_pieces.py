@@ -4,6 +4,8 @@ A patch may be one side of a box, all of its sides, or a pipe with its ends: nod
 not round a sharp edge. Facets that share a side and whose normals differ by less than 40° belong to one piece.
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
@@ -46,6 +48,19 @@ class Piece:
     def simplices(self) -> Integers:
         """(s, 2) segments or (s, 3) triangles; a quad is two triangles."""
         return as_simplices(self.facets)
+
+    def in_plane_of(self, other: Piece, points: Floats) -> bool:
+        """Whether the pieces face the same way in one plane of the points (n, d)."""
+        if self.normal is None or other.normal is None or float(self.normal @ other.normal) < 1.0 - _PLANAR**2:
+            return False
+        away = (points[other.nodes] - points[self.nodes[0]]) @ self.normal
+        both = points[np.concatenate([self.nodes, other.nodes])]
+        return bool(np.abs(away).max() <= _PLANAR * np.ptp(both, axis=0).max())
+
+    def with_facets_of(self, other: Piece) -> Piece:
+        """This piece together with another one in its plane."""
+        facets = np.unique(np.concatenate([self.facets, other.facets]), axis=0)
+        return Piece(np.union1d(self.nodes, other.nodes), facets, self.normal)
 
 
 def as_simplices(rows: Integers) -> Integers:

@@ -21,6 +21,8 @@ __all__ = ["WallLine", "wall_lines"]
 
 #: A spacing is at least this share of its value in an evenly stretched line.
 _LEAST = 0.1
+#: … and at least this share on a curved one, where the smooth correction moves no node.
+_LEAST_CURVED = 0.3
 #: Nodes this close to a straight line are on it, relative to its length.
 _ON_LINE = 1e-6
 
@@ -39,13 +41,13 @@ class WallLine:
         nodes keep their bits.
         """
         rest, now = self._lengths(self.places), self._lengths(positions)
-        out, fixed = now.copy(), np.flatnonzero(known)
+        out, fixed, limit = now.copy(), np.flatnonzero(known), _LEAST if self._straight else _LEAST_CURVED
         for a, b in pairwise(fixed):
             part = slice(a, b + 1)
             even = now[a] + (now[b] - now[a]) * (rest[part] - rest[a]) / (rest[b] - rest[a])
             least = float(np.min(np.diff(now[part]) / np.diff(even))) if now[b] > now[a] else 1.0
-            if least < _LEAST:
-                share = (_LEAST - least) / (1.0 - least)
+            if least < limit:
+                share = (limit - least) / (1.0 - least)
                 out[part] = now[part] + share * (even - now[part])
         changed = (out != now) & ~known
         return np.where(changed[:, None], self._places_at(out), positions)

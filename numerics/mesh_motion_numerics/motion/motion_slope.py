@@ -296,6 +296,21 @@ class _Interpolated:
         rows[self.controls] += values if self.rigid is None else values + self.rigid.transpose(-values, weights)
 
 
+@dataclass(frozen=True, eq=False)
+class _Carried:
+    """The rigid motion of control nodes (c,), which carries other places (p, d)."""
+
+    controls: Integers
+    rigid: RigidSlope
+
+    def apply(self, rows: Floats) -> Floats:
+        return self.rigid.apply(rows[self.controls])[1]
+
+    def add_transposed(self, weights: Floats, rows: Floats) -> None:
+        """As :meth:`_Interpolated.add_transposed`."""
+        rows[self.controls] += self.rigid.transpose(np.zeros((len(self.controls), rows.shape[1])), weights)
+
+
 def _of_layer(motion: StandardMotion, prescribed: Floats) -> _Linear:
     """The step in which a layer's nodes follow their wall."""
     layer = motion.layer
@@ -319,9 +334,17 @@ def _of_walls(motion: StandardMotion, plain: Floats, factors: FactorSource) -> l
     steps, rest, layer = [], motion.reference, motion.layer
     for followed, wall in motion.walls():
         own = wall if layer is None else wall.of(~layer.known[wall.nodes])
-        places, following = rest[own.nodes], None
-        if wall.freedom().any():
-            controls = motion.control_nodes(followed)
+        places = rest[own.nodes]
+        following: _Interpolated | _Carried | None = None
+        controls = motion.control_nodes(followed)
+        if wall.only_carried:
+            slope, rigid = (
+                rigid_slope(motion, controls, plain, places),
+                motion.carry(rest, rest[controls], plain[controls]),
+            )
+            following = None if slope is None else _Carried(controls, slope)
+            places = places if rigid is None else rigid.apply(places)
+        elif wall.freedom().any():
             following = _Interpolated.build(motion, controls, plain, places, factors)
             if own.curved:
                 places = motion.following(rest, controls, plain, factors, Stopwatch()).positions(places)
@@ -351,7 +374,7 @@ def _of_images(motion: StandardMotion) -> _Linear:
     return _Linear(apply, transpose)
 
 
-def _of_wall(nodes: Integers, onto: Floats, following: _Interpolated | None) -> _Linear:
+def _of_wall(nodes: Integers, onto: Floats, following: _Interpolated | _Carried | None) -> _Linear:
     """The nodes of one wall, which follow and are projected by ``onto`` (k, d, d), or are held."""
 
     def apply(rows: Floats) -> None:

@@ -1,7 +1,7 @@
 """The derivative of the rigid motion of a mesh without fixed nodes: see :meth:`.StandardMotion.carry`.
 
 Every such motion is ``x → c + P t + R (x − c)``, with a shift t and a rotation R that are fitted to the control nodes:
-any rotation, one about the axis of a periodic sector, or none; P keeps the shift in the plane walls.
+any rotation, one about the axis of a periodic sector or of all walls, or none; P keeps the shift in the plane walls.
 """
 
 from __future__ import annotations
@@ -66,7 +66,10 @@ def rigid_slope(motion: StandardMotion, controls: Integers, goal: Floats, places
         return None
     arms, rows, d = origin - fitted.centre, there - fitted.centre, origin.shape[1]
     along, turn = np.eye(d), np.zeros((d, d, d, d))
-    if motion.periodic is None:
+    axis = None if motion.sliding is None else motion.sliding.axis
+    if axis is not None:
+        along, turn = np.zeros((d, d)), _about_axis(fitted, arms, rows)
+    elif motion.periodic is None:
         spread = (there - there.mean(axis=0)).T @ arms
         turn = nearest_rotation_slope(spread[None])[0]
     elif motion.periodic.turns:

@@ -18,7 +18,7 @@ With a point reduction the interpolation starts from few of the boundary nodes a
 
 When every prescribed node moves (no node is fixed), the best rigid motion is separated first and applied to all nodes
 exactly: a mesh in rigid motion is not deformed at all. Slip walls must map onto themselves, as the hub and the tip of a
-sector that turns about its axis do.
+sector that turns about its axis do. A curved wall without an end, such as a circle, only follows this rigid motion.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ from mesh_motion_numerics.interpolation.kernels import basis_named
 from mesh_motion_numerics.interpolation.periodic_interpolant import periodic_factorization_of
 from mesh_motion_numerics.interpolation.two_scale.factorization import TwoScalePlan, plan_for, plans_for
 from mesh_motion_numerics.interpolation.two_scale.interpolant import AnyInterpolant
-from mesh_motion_numerics.mesh.paths import RigidMotion, fit_rigid_motion, substeps
+from mesh_motion_numerics.mesh.paths import RigidMotion, fit_rigid_motion, fit_screw, substeps
 from mesh_motion_numerics.mesh.periodic_nodes import PeriodicNodes
 from mesh_motion_numerics.mesh.points import bounding_box
 from mesh_motion_numerics.mesh.roles import BoundaryRoles, Patch
@@ -171,6 +171,7 @@ class StandardMotion:
             images = () if periodic is None else periodic.generators
             mirrors = [name for name in surfaces if patches[name].role == "symmetry"]
             sliding = SlidingSurfaces.build(points, facets, surfaces, roles.sliding, images=images, mirrors=mirrors)
+            sliding = sliding if len(roles.fixed) else sliding.alone(points, periodic=periodic is not None)
         spacing = 0.0 if method.reduction == "none" else boundary_spacing(points[roles.moving])
         return cls(points, roles, method, surfaces, sliding, periodic, spacing, {}).with_layer(None)
 
@@ -179,7 +180,7 @@ class StandardMotion:
         other = replace(self, layer=layer, plans={})
         if self.periodic is not None:
             return other
-        followed = [followed for followed, wall in self.walls() if wall.freedom().any()]
+        followed = [nodes for nodes, wall in self.walls() if wall.freedom().any() and not wall.only_carried]
         sets = [other._controls(nodes) for nodes in (self.roles.all, *followed)]
         return replace(other, plans=plans_for(self.reference, sets, self.roles, self.method))
 
@@ -260,9 +261,14 @@ class StandardMotion:
         for followed, wall in self.walls():
             places = points[wall.nodes]
             if wall.freedom().any():  # corners stay in place
-                following = self.following(points, self.control_nodes(followed), prescribed, factors, watch)
-                with watch.phase("displace"):
-                    places = following.positions(places)
+                controls = self.control_nodes(followed)
+                if wall.only_carried:
+                    rigid = self.carry(points, points[controls], prescribed[controls])
+                    places = places if rigid is None else rigid.apply(places)
+                else:
+                    following = self.following(points, controls, prescribed, factors, watch)
+                    with watch.phase("displace"):
+                        places = following.positions(places)
             known = np.zeros(len(points), dtype=bool) if self.layer is None else self.layer.known.copy()
             own = ~known[wall.nodes]
             prescribed[wall.nodes[own]] = wall.project(places)[own]
@@ -304,7 +310,7 @@ class StandardMotion:
         with watch.phase("solve"):
             origin = points.take(controls, axis=0)  # three times as fast as points[controls]
             rigid = None
-            if not len(self.roles.fixed) and not np.array_equal(origin, goal):  # nodes at rest keep their bits
+            if not len(self.roles.fixed):
                 rigid = self.carry(points, origin, goal)
             displacement = goal - (origin if rigid is None else rigid.apply(origin))
             if self.periodic is not None or self.method.reduction == "none":
@@ -319,14 +325,20 @@ class StandardMotion:
 
     def carry(self, points: Floats, origin: Floats, goal: Floats) -> RigidMotion | None:
         """The rigid motion of the mesh ``points`` (n, d) closest to that of control nodes, if its walls admit it."""
-        rigid = self.fitted(origin, goal)
+        rigid = None if np.array_equal(origin, goal) else self.fitted(origin, goal)  # nodes at rest keep their bits
         if rigid is None or self.sliding is None:
             return rigid
         return self.sliding.admitted(rigid, points[self.sliding.nodes])
 
     def fitted(self, origin: Floats, goal: Floats) -> RigidMotion | None:
         """The rigid motion closest to that of control nodes from origin to goal (c, d), without regard to the walls."""
-        return fit_rigid_motion(origin, goal) if self.periodic is None else self.periodic.carry(origin, goal)
+        if self.periodic is not None:
+            return self.periodic.carry(origin, goal)
+        if self.sliding is None or (self.sliding.turns and self.sliding.axis is None):
+            return fit_rigid_motion(origin, goal)
+        if self.sliding.axis is None:
+            return None
+        return replace(fit_screw(origin, goal, self.sliding.axis), translation=np.zeros(origin.shape[1]))
 
     def factorized(self, controls: Integers, factors: FactorSource) -> Factorization:
         """The factorization of control nodes (c,) in the reference mesh, without reduction."""
