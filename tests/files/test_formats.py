@@ -18,6 +18,8 @@ from format_files import (
     WRITERS,
     abaqus,
     elmer,
+    ensight,
+    ensight_binary,
     exodus,
     exodus_hdf5,
     fluent,
@@ -137,14 +139,12 @@ def test_vtk_reads_the_same_cells_of_fluent(tmp_path: Path) -> None:
             r"an MFEM mesh of another kind, which is not read \(versions .* are read; .* MFEM writes",
         ),
         ("m.vol", "mesh3d\ndimension\n3\n", r"a Netgen mesh, .*Export Mesh"),
-        ("m.case", "FORMAT\ntype: ensight gold\n", "an EnSight case, which is not read"),
         ("m.ccm", "@(#)ADF Database Version A02011>", r"a STAR-CCM\+ mesh, which is not read"),
         ("m.dat", 'TITLE = "x"\n', "a Tecplot file, which is not read"),
         ("m.inp", "# made by x\n 4 1 0 0 0\n 1 0. 0. -1e-3\n", "an AVS UCD file, which is not read"),
         ("m.ply2", "3\n1\n0 0 0\n1 0 0\n", "unknown kind of mesh file; known are"),
         ("m.txt", "4 1 0 0 0\n4 1 0 0 0\n", "unknown kind of mesh file; known are"),
         ("m.geo", "Point(1) = {0, 0, 0};", r"a geometry of Gmsh, which is not read \(mesh it"),
-        ("m.geo", "C Binary" + 72 * " ", r"EnSight's geometry, which is not read \(.*Merge Blocks"),
         ("m.vtu", "", r"an empty file, which is not read \(was its program"),
         ("m.dat", "", "an empty file, which is not read"),
         ("m.msh", "\x1f\x8b\x08", r"a packed file, which is not read \(unpack it"),
@@ -992,3 +992,85 @@ def test_one_array_of_faces_and_lines_elsewhere_is_said(tmp_path: Path) -> None:
     mesh = read_mesh(tmp_path / "m.vtk")
     assert mesh.patches["wall"].tolist() == [0, 1, 2, 3]
     assert any("name of a surface and of a curve with 1 other node" in note for note in mesh.notes)
+
+
+@pytest.mark.parametrize("order", "<>")
+def test_a_binary_case_of_ensight_is_the_first_of_its_steps(tmp_path: Path, order: str) -> None:
+    """Also a check with another reader: VTK finds the moved nodes and the faces of each part."""
+    for step in (10, 2):
+        ensight_binary(tmp_path / f"box{step:04d}.geo", order)
+    (tmp_path / "box.case").write_text(
+        'FORMAT\ntype: ensight gold\nGEOMETRY\nmodel: 1 "box****.geo"  # of a run\nVARIABLE\n'
+        "scalar per node: 1 p box****.p\n"
+    )
+    mesh = read_mesh(tmp_path / "box.case")
+    np.testing.assert_array_equal(mesh.points, POINTS.astype(np.float32))
+    assert lists(mesh.patches) == {key: nodes.tolist() for key, nodes in PATCHES.items()}
+    assert mesh.notes == ("box0002.geo is read, the first of 2 steps",)
+    moved = mesh.points * [1.5, 1.0, 1 / 3] + 0.1
+    write_mesh(tmp_path / "moved.case", replace(mesh, points=moved))
+    np.testing.assert_array_equal(read_mesh(tmp_path / "moved.case").points, moved.astype(np.float32))
+    reading = pytest.importorskip("vtkmodules.vtkIOEnSight")
+    numpy_support = pytest.importorskip("vtkmodules.util.numpy_support")
+    reader = reading.vtkGenericEnSightReader()
+    reader.SetCaseFileName(str(tmp_path / "moved.case"))
+    reader.Update()
+    blocks = [reader.GetOutput().GetBlock(k) for k in range(4)]
+    assert [block.GetNumberOfCells() for block in blocks] == [8, 4, 16, 4]
+    for block, nodes in zip(blocks, [np.arange(len(moved)), *PATCHES.values()], strict=True):
+        found = numpy_support.vtk_to_numpy(block.GetPoints().GetData())
+        np.testing.assert_array_equal(found, moved[nodes].astype(np.float32))
+
+
+def test_a_copy_of_an_ensight_case_never_replaces_the_geometry(tmp_path: Path) -> None:
+    ensight(tmp_path / "wing.geo")
+    (tmp_path / "box.case").write_text("FORMAT\ntype: ensight gold\nGEOMETRY\nmodel: wing.geo\n")
+    with pytest.raises(InvalidInput, match="would replace the geometry of"):
+        write_mesh(tmp_path / "wing.case", read_mesh(tmp_path / "box.case"))
+    ensight(tmp_path / "same.geo")
+    assert (tmp_path / "wing.geo").read_bytes() == (tmp_path / "same.geo").read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("hexa8", "hexa9x", "'hexa9x', expected a part or a type of elements"),
+        ("hexa8", "nfaced", "elements 'nfaced'; known are point, .*filter Tetrahedralize"),
+        ("hexa8", "hexa4", "elements 'hexa4' have too few nodes"),
+        ("coordinates\n27", "block\n3 3 3", "'block' in the part 'internalMesh', .*filter Merge Blocks"),
+        ("coordinates\n27", "coordinates\n28", "line 37: invalid literal for int.*'0.0'"),
+        ("node id given", "node id yes", "'node id yes', expected 'node id' with one of: off"),
+        ("quad4\n4", "quad4\n5", "line .*"),
+        ("\n1 2 5 4\n", "\n1 2 5 99\n", r"part 'wall', quad4, row 1: node 99, but its nodes are 1 to 9"),
+    ],
+)
+def test_geometries_of_ensight_that_do_not_fit(tmp_path: Path, old: str, new: str, message: str) -> None:
+    ensight(tmp_path / "m.geo")
+    assert old in (tmp_path / "m.geo").read_text()
+    one_line(replaced(tmp_path / "m.geo", old, new), f"malformed EnSight geometry: .*({message})")
+
+
+def test_cases_of_ensight_that_do_not_fit_and_parts_elsewhere(tmp_path: Path) -> None:
+    (tmp_path / "m.case").write_text("FORMAT\ntype: ensight gold\n")
+    one_line(tmp_path / "m.case", "no 'model: FILE' in its section GEOMETRY")
+    (tmp_path / "m.case").write_text("FORMAT\ntype: ensight gold\nGEOMETRY\nmodel: a.geo\n")
+    one_line(tmp_path / "m.case", r"its geometry 'a.geo' is missing \(keep")
+    ensight_binary(tmp_path / "cut.geo")
+    (tmp_path / "cut.geo").write_bytes((tmp_path / "cut.geo").read_bytes()[:-7])
+    one_line(tmp_path / "cut.geo", "the file ends where 64 bytes are expected")
+    plane = "part\n9\ncut\ncoordinates\n3\n1\n2\n3\n" + "0.1\n0.2\n0.1\n" * 3 + "tria3\n1\n1\n1 2 3\n"
+    ensight(tmp_path / "m.geo")
+    (tmp_path / "m.geo").write_text((tmp_path / "m.geo").read_text() + plane)
+    mesh = read_mesh(tmp_path / "m.geo")
+    assert len(mesh.points) == len(POINTS)
+    assert [*mesh.patches] == [*PATCHES]
+    assert mesh.notes == ("the part 'cut' has nodes that no cell has (1 elements): it is no patch",)
+    write_mesh(tmp_path / "moved.geo", replace(mesh, points=POINTS + 0.5))
+    assert (tmp_path / "moved.geo").read_text().endswith("\n 0.1\n 0.2\n 0.1\ntria3\n1\n1\n1 2 3\n")
+    flat = "a\nb\nnode id off\nelement id off\npart\n1\nfluid\ncoordinates\n4\n" + "\n".join("011000110000") + "\n"
+    (tmp_path / "m.geo").write_text(flat + "nsided\n1\n4\n1 2 3 4\n")
+    one_line(tmp_path / "m.geo", r"cells of the part 'fluid' are polygons \(nsided\) \(ParaView's filter Triangulate")
+    (tmp_path / "m.geo").write_text(flat + "quad4\n1\n1 2 3 4\nbar2\n1\n1 2\n")
+    mesh = read_mesh(tmp_path / "m.geo")
+    assert mesh.points.tolist() == [[0, 0], [1, 0], [1, 1], [0, 1]]
+    assert lists(mesh.patches) == {"fluid": [0, 1]}
