@@ -59,8 +59,13 @@ FORMATS: tuple[Format, ...] = (
     SU2,
     VTU,
     VTK,
+    _named("a VTKHDF file", (".vtkhdf", ".hdf"), rb"\A\x89HDF", "ParaView and PyVista save it with the ending .vtu"),
+    _named("a MOAB mesh", (".h5m",), rb"\A\x89HDF", "MOAB converts it: mbconvert FILE mesh.vtk"),
     CGNS,
     MED,
+    _named(
+        "a netCDF file of 64-bit numbers (CDF-5)", (), rb"\ACDF\x05", "nccopy of netCDF's tools: nccopy -k nc4 FILE NEW"
+    ),
     EXODUS,
     _named("an LS-DYNA deck", (".k", ".key", ".dyn", ".inp"), rb"(?im)^\*(KEYWORD\b|ELEMENT_)", _BY_ITS_PROGRAM),
     ABAQUS_INP,

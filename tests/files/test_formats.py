@@ -152,7 +152,13 @@ def test_vtk_reads_the_same_cells_of_fluent(tmp_path: Path) -> None:
         ("m.vtu", "<!DOCTYPE html>\n<html>", "a page of the web, which is not read"),
         ("m.msh", "\xef\xbb\xbf$MeshFormat\n", "a text with a byte order mark, which is not read"),
         ("m.dat", '# by x\nVARIABLES = "X"\n', "a Tecplot file, which is not read"),
-        ("m.h5m", "\x89HDF\r\n\x1a\n", r"a file in HDF5, which is not read \(give it the ending"),
+        ("m.hmf", "\x89HDF\r\n\x1a\n", r"a file in HDF5, which is not read \(give it the ending"),
+        ("m.h5m", "\x89HDF\r\n\x1a\n", r"a MOAB mesh, which is not read \(.*mbconvert"),
+        ("m.vtkhdf", "\x89HDF\r\n\x1a\n", r"a VTKHDF file, which is not read \(ParaView .* save it"),
+        ("m.e", "CDF\5", r"a netCDF file of 64-bit numbers \(CDF-5\), which is not read \(nccopy"),
+        ("m.pvts", '<VTKFile type="PStructuredGrid"/>', "Append Datasets"),
+        ("m.vtu", '<VTKFile type="UnstructuredGrid" compressor="vtkLZ4DataCompressor"/>', "LZ4.*compressor ZLib"),
+        ("m.msh", '(1 "meshio 5.3.5")\n(2 3)\n', r"cells without faces, written by meshio as 'ansys'.*\(let meshio"),
         ("m.msh", "$NOD\n3\n", r"a Gmsh mesh of version 1, which is not read \(Gmsh reads it"),
         ("m.k", "*KEYWORD\n*NODE\n 1 0. 0. 0.\n", "an LS-DYNA deck, which is not read"),
         ("m.inp", "*KEYWORD\n*NODE\n 1 0. 0. 0.\n", "an LS-DYNA deck, which is not read"),
@@ -902,6 +908,35 @@ def test_sides_of_exodus_shells_are_two_faces_and_the_edges(
     _exodus_of(tmp_path / "m.exo", arrays, list(blocks))
     found = read_mesh(tmp_path / "m.exo").patches
     assert {name: nodes.tolist() for name, nodes in found.items()} == expected
+
+
+@pytest.mark.parametrize("kind", ["BEX8", "NSIDED"])
+def test_blocks_of_exodus_that_are_not_read_are_named_with_the_way_out(tmp_path: Path, kind: str) -> None:
+    points = np.array([(0.0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)])
+    arrays: dict[str, Any] = {f"coord{axis}": points[:, k] for k, axis in enumerate("xyz")}
+    flat = np.array([1, 2, 3, 4], "i")
+    arrays |= {"connect1": np.array([[1, 2, 3]], "i"), "connect2": flat if kind == "NSIDED" else flat[None]}
+    _exodus_of(tmp_path / "m.exo", arrays, ["TRI3", kind])
+    one_line(
+        tmp_path / "m.exo", rf"m.exo: block 2 of elements of type '{kind}'; known are BAR, .*\(save the mesh without"
+    )
+
+
+def test_points_and_thick_shells_of_exodus(tmp_path: Path) -> None:
+    """A block of points has no cells; HEXSHELL has the sides of a hexahedron, as in libexodus."""
+    arrays: dict[str, Any] = {f"coord{axis}": _CUBE[:, k] for k, axis in enumerate("xyz")}
+    arrays |= {"connect1": np.arange(1, 9, dtype="i")[None], "connect2": np.array([[3]], "i")}
+    arrays |= {"elem_ss1": np.array([1], "i"), "side_ss1": np.array([5], "i")}
+    _exodus_of(tmp_path / "m.exo", arrays, ["HEXSHELL", "POINT"])
+    mesh = read_mesh(tmp_path / "m.exo")
+    assert {name: len(nodes) for name, nodes in mesh.cells.items()} == {"hexahedron": 1}
+    assert lists(mesh.patches) == {"1": [0, 1, 2, 3]}
+
+
+def test_cgns_without_bases_is_none(tmp_path: Path) -> None:
+    with pytest.importorskip("h5py").File(tmp_path / "m.cgns", "w") as file:
+        file["Base/Zone1/GridCoordinates/CoordinateX/ data"] = POINTS[:, 0]
+    one_line(tmp_path / "m.cgns", r"no base \(CGNSBase_t\): not a CGNS file \(meshio's .cgns is none")
 
 
 @pytest.mark.parametrize(
