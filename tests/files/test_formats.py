@@ -325,6 +325,13 @@ def test_med_and_exodus_files_that_do_not_fit(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("write", "old", "new", "message"),
     [
+        (abaqus, "C3D8", "C3D6", r"elements C3D6 of 6 nodes, but 72 numbers follow$"),
+        (
+            abaqus,
+            "*ELEMENT, TYPE=C3D8",
+            "*ELEMENT, TYPE=C3D6\n" + ", ".join(["1"] * 19) + "\n*ELEMENT, TYPE=C3D8",
+            "19 numbers follow; Gmsh calls wedges of 18 nodes so: .*SecondOrderIncomplete = 1",
+        ),
         (abaqus, "C3D8", "C3D20", r"\*ELEMENT in line 32: elements C3D20 of 20 nodes, but 72 numbers follow"),
         (abaqus, "1, S", "77, S", "element 77 is named, but does not exist"),
         (abaqus, ", S1", ", S9", "side 9 of a hexahedron"),
