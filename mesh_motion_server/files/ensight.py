@@ -150,7 +150,8 @@ def _content(file: _Text | _Binary) -> list[_Part]:
         elif (match := _ELEMENTS.fullmatch(line.lower())) and parts:
             parts[-1].elements += _elements(file, match, parts[-1], elements_given)
         else:
-            raise ValueError(f"{line[:40]!r}, expected a part or a type of elements")
+            of_six = ": it is EnSight 6's, of which ParaView makes .vtu" if line.lower() == "coordinates" else ""
+            raise ValueError(f"{line[:40]!r}, expected a part or a type of elements{of_six}")
         line = file.text()
     return parts
 

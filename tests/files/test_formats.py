@@ -1077,6 +1077,11 @@ def test_a_copy_of_an_ensight_case_never_replaces_the_geometry(tmp_path: Path) -
     ("old", "new", "message"),
     [
         ("hexa8", "hexa9x", "'hexa9x', expected a part or a type of elements"),
+        (
+            "part\n1\ninternalMesh\n",
+            "",
+            "'coordinates', expected a part .*: it is EnSight 6's, of which ParaView makes",
+        ),
         ("hexa8", "nfaced", "elements 'nfaced'; known are point, .*filter Tetrahedralize"),
         ("hexa8", "hexa4", "elements 'hexa4' have too few nodes"),
         ("coordinates\n27", "block\n3 3 3", "'block' in the part 'internalMesh', .*filter Merge Blocks"),
