@@ -8,12 +8,11 @@ refused with one line that names the key, the value and what was expected.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 from mesh_motion_numerics.method import KEYS, Key, Method
-from mesh_motion_protocol.errors import InvalidInput
+from mesh_motion_protocol.errors import InvalidInput, meant
 from pydantic import (
     AfterValidator,
     BaseModel,
@@ -230,12 +229,12 @@ def _first_offender(error: ValidationError, model: type[BaseModel]) -> InvalidIn
     key = ".".join(str(part) for part in first["loc"] if str(part) in model.model_fields) or str(first["loc"][0])
     if first["type"] == "extra_forbidden":
         known = ", ".join(model.model_fields)
-        near = get_close_matches(key, model.model_fields, n=1)
-        meant = f"did you mean {near[0]!r}?" if near else ""
-        return _refused(f"unknown setting {key!r}; known are {known}", {"setting": key}, meant)
-    value = first["input"]
-    message = f"setting {key!r}: expected {_expectation(first['msg'])}, got {value!r}"
-    return _refused(message, {"setting": key, "value": repr(value)})
+        similar = meant(key, model.model_fields)
+        return _refused(f"unknown setting {key!r}; known are {known}", {"setting": key}, similar)
+    value, expected = first["input"], _expectation(first["msg"])
+    choices = expected.removeprefix("one of ").split(", ") if expected.startswith("one of ") else []
+    message = f"setting {key!r}: expected {expected}, got {value!r}"
+    return _refused(message, {"setting": key, "value": repr(value)}, meant(str(value), choices))
 
 
 def _refused(message: str, details: dict[str, object], hint: str = "") -> InvalidInput:

@@ -57,6 +57,8 @@ def test_what_cannot_be_combined_is_refused_with_both_names() -> None:
 def test_an_unknown_key_is_named_and_the_known_ones_are_listed() -> None:
     with pytest.raises(InvalidInput, match=r"unknown setting 'radius'; known are basis, support_radius"):
         MethodSettings.from_mapping({"radius": 0.5})
+    with pytest.raises(InvalidInput, match=r"expected one of none, .*, got 'optimized' \(did you mean 'optimised'\?\)"):
+        MethodSettings.from_mapping({"correction": "optimized"})
 
 
 @pytest.mark.parametrize("key", [1, b"basis"])

@@ -30,7 +30,8 @@ from mesh_motion_server.files.sides import EXODUS as SIDES
 __all__ = ["EXODUS"]
 
 _TYPES = {"BAR": "line", "BEA": "line", "TRU": "line", "EDG": "line", "TRI": "triangle", "QUA": "quad", "SHE": "quad",
-          "TET": "tetra", "HEX": "hexahedron", "WED": "wedge", "PYR": "pyramid", "SPH": "", "CIR": ""}  # fmt: skip
+          "TET": "tetra", "HEX": "hexahedron", "WED": "wedge", "PYR": "pyramid", "SPH": "", "CIR": "",
+          "POI": ""}  # fmt: skip
 
 
 def _read(path: Path) -> MeshFile:
@@ -43,7 +44,7 @@ def _read(path: Path) -> MeshFile:
     """
     with _opened(path) as data:
         points = _points(data)
-        blocks = _blocks(data, *points.shape)
+        blocks = _blocks(path, data, *points.shape)
         sets = _sets(data, points, blocks)
         dimension = max((CELL_TYPES[name].dimension for name, _, _ in blocks.values() if name), default=0)
         for number, (cell, nodes, _) in blocks.items():
@@ -98,7 +99,7 @@ def _points(data: dict[str, Any]) -> Floats:
     return np.column_stack(columns).astype(np.float64)
 
 
-def _blocks(data: dict[str, Any], n_points: int, dimension: int) -> dict[int, tuple[str, Integers, Sides]]:
+def _blocks(path: Path, data: dict[str, Any], n_points: int, dimension: int) -> dict[int, tuple[str, Integers, Sides]]:
     """Our type, nodes (m, k) and the sides of the elements of each block, in the order of the element numbers."""
     found = {}
     for number in sorted(int(name.removeprefix("connect")) for name in data if name.startswith("connect")):
@@ -107,9 +108,13 @@ def _blocks(data: dict[str, Any], n_points: int, dimension: int) -> dict[int, tu
         nodes = np.asarray(values).astype(np.int64) - 1
         name = _TYPES.get(kind[:3].upper())
         if name is None or nodes.ndim != 2:
-            raise ValueError(f"block {number} of elements of type {kind!r}; known are {', '.join(_TYPES)}")
+            raise InvalidInput(
+                f"{path}: block {number} of elements of type {kind!r}; known are {', '.join(_TYPES)}",
+                hint="save the mesh without this block; polygons or polyhedra: take ParaView's filter Triangulate or "
+                "Tetrahedralize and save as .vtu",
+            )
         sides = BEAMS if kind[:3].upper() == "BEA" else SIDES
-        if "SHELL" in kind.upper() or (name == "triangle" and dimension == 3):
+        if ("SHELL" in kind.upper() and name != "hexahedron") or (name == "triangle" and dimension == 3):
             sides = SHELLS
         if kind[:5].upper() == "SHELL" and nodes.shape[1] in (3, 6):
             name = "triangle"

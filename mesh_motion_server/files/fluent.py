@@ -76,8 +76,14 @@ def _read_text(path: Path) -> MeshFile:
     InvalidInput
         For hanging nodes and inconsistent data; names the section.
     """
+    data = path.read_bytes()
+    if data.startswith(b'(1 "meshio '):
+        raise InvalidInput(
+            f"{path}: cells without faces, written by meshio as 'ansys'; Fluent's meshes are lists of faces",
+            hint="let meshio write another format, for example .vtu",
+        )
     try:
-        return _mesh(path, _read_sections(path.read_bytes()))
+        return _mesh(path, _read_sections(data))
     except (ValueError, IndexError, OverflowError) as error:
         raise InvalidInput(f"{path}: malformed Fluent mesh: {error}") from None
 

@@ -4,6 +4,7 @@ import re
 
 from mesh_motion_server.files.cgns.zone import CGNS
 from mesh_motion_server.files.elmer import ELMER
+from mesh_motion_server.files.ensight import ENSIGHT, ENSIGHT_GEOMETRY
 from mesh_motion_server.files.exodus import EXODUS
 from mesh_motion_server.files.fluent import FLUENT, FLUENT_HDF5
 from mesh_motion_server.files.format import Format
@@ -58,8 +59,13 @@ FORMATS: tuple[Format, ...] = (
     SU2,
     VTU,
     VTK,
+    _named("a VTKHDF file", (".vtkhdf", ".hdf"), rb"\A\x89HDF", "ParaView and PyVista save it with the ending .vtu"),
+    _named("a MOAB mesh", (".h5m",), rb"\A\x89HDF", "MOAB converts it: mbconvert FILE mesh.vtk"),
     CGNS,
     MED,
+    _named(
+        "a netCDF file of 64-bit numbers (CDF-5)", (), rb"\ACDF\x05", "nccopy of netCDF's tools: nccopy -k nc4 FILE NEW"
+    ),
     EXODUS,
     _named("an LS-DYNA deck", (".k", ".key", ".dyn", ".inp"), rb"(?im)^\*(KEYWORD\b|ELEMENT_)", _BY_ITS_PROGRAM),
     ABAQUS_INP,
@@ -68,13 +74,14 @@ FORMATS: tuple[Format, ...] = (
     XDMF,
     UNV,
     MFEM,
+    ENSIGHT,
+    ENSIGHT_GEOMETRY,
     OPENFOAM,
     FOAM_FILE,
     _named("a Nastran deck", (".bdf", ".nas"), rb"(?m)^(GRID\*?[ ,]|BEGIN BULK|CEND\b)", _BY_GMSH),
     _named("a Medit mesh", (".mesh", ".meshb"), rb"\A(\s|#.*\n)*MeshVersionFormatted", _BY_GMSH),
     _named("an MFEM mesh of another kind", (".mesh", ".mfem"), rb"\AMFEM ", _BY_MFEM),
     _named("a Netgen mesh", (".vol",), rb"\A\s*mesh3d", "Netgen writes it for Gmsh: File, Export Mesh, Gmsh2 Format"),
-    _named("an EnSight case", (".case",), rb"(?i)\A(\s|#.*\n)*FORMAT\s+type:\s*ensight", _BY_PARAVIEW),
     _named("a Tecplot file", (".plt", ".tec"), rb"(?i)\A(#!TDV|(\s|#.*\n)*(TITLE|VARIABLES)\s*=)", _BY_PARAVIEW),
     _named(
         "an AVS UCD file",
@@ -95,7 +102,6 @@ FORMATS: tuple[Format, ...] = (
     _named("a mesh of TetGen", (".node", ".ele", ".poly", ".smesh"), rb"(?!)", "tetgen -k writes .vtk"),
     _named("a UGRID mesh", (".ugrid",), rb"(?!)", _BY_MESHIO),
     _named("a Plot3D grid", (".xyz", ".p3d", ".x"), rb"(?!)", "plot3d_to_cgns of CGNS' tools, or ParaView"),
-    _named("EnSight's geometry", (), rb"(?i)\A\s*(C Binary|ensight)", _BY_PARAVIEW),
     _named("a surface (STL)", (".stl",), rb"\A\s*solid\b[^$]*\bfacet\s+normal", _MESHED),
     _named("a surface (PLY)", (".ply",), rb"\Aply\r?\n", _MESHED),
     _named("a surface (OFF)", (".off",), rb"\AOFF\s", _MESHED),
@@ -104,5 +110,10 @@ FORMATS: tuple[Format, ...] = (
     _named("a geometry (IGES)", (".iges", ".igs"), rb"\A.{72}S\s*1\s", _MESHED),
     _named("a geometry (BREP)", (".brep", ".brp"), rb"\A\s*(DBRep_DrawableShape|CASCADE Topology)", _MESHED),
     _named("a file of OpenFOAM", (), rb"(?m)^FoamFile\b", "give the folder of its case"),
-    _named("a geometry of Gmsh", (".geo",), rb"(?!)", "mesh it: gmsh -3 FILE -format msh41 (-2 in a plane)"),
+    _named(
+        "a geometry of Gmsh",
+        (".geo",),
+        rb"(?m)^(SetFactory ?\(|(Include|Merge) \"|[A-Z][\w ]+ ?\(.*\) ?= ?\{|Mesh\.)",
+        "mesh it: gmsh -3 FILE -format msh41 (-2 in a plane)",
+    ),
 )

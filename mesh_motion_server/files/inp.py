@@ -211,7 +211,9 @@ def _add_elements(found: _Content, given: dict[str, str], lines: list[str]) -> N
         return
     flat = np.array([int(word) for line in lines for word in _words(line)], dtype=np.int64)
     if len(flat) % (size + 1):
-        raise ValueError(f"elements {kind} of {size} nodes, but {len(flat)} numbers follow")
+        gmsh = "; Gmsh calls wedges of 18 nodes so: set its option Mesh.SecondOrderIncomplete = 1"
+        more = gmsh if (size, len(flat) % 19) == (6, 0) else ""
+        raise ValueError(f"elements {kind} of {size} nodes, but {len(flat)} numbers follow{more}")
     rows = flat.reshape(-1, size + 1)
     found.elements.append(_Block(types[size], rows[:, 0], rows[:, 1:], shell))
     found.of_elements.add(given.get("ELSET", ""))

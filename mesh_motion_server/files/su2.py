@@ -172,7 +172,10 @@ def _elements(rows: _Rows, types: Mapping[int, tuple[str, int]]) -> dict[str, In
     for code in known[np.argsort(first)].tolist():
         if code not in types:
             listed = ", ".join(str(code) for code in types)
-            raise ValueError(f"element type {code} is not one of {listed}; only first-order cells are read")
+            raise ValueError(
+                f"element type {code} is not one of {listed}; SU2 has first-order cells only "
+                "(Gmsh: Mesh.ElementOrder = 1)"
+            )
         name, count = types[code]
         own = rows if len(known) == 1 else [rows[i] for i in np.flatnonzero(codes == code).tolist()]
         found[name] = _columns(own, range(1, 1 + count), np.int64)

@@ -9,6 +9,7 @@ from mesh_motion_numerics.mesh.roles import ROLES as SERVER_ROLES
 
 POINTS = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
 AT = {"session": "s", "epoch": 1}
+GIVEN = {"wall": "fixed", "flag": "moving"}
 
 
 def test_cell_types_and_roles_are_the_servers():
@@ -28,6 +29,12 @@ def test_cell_types_and_roles_are_the_servers():
             r"triangle .*: entry \[0, 1\] is masked",
         ),
         (lambda: Patch("moving", np.ma.masked_equal([0, 1], 0)), r"a patch's nodes .*: entry \[0\] is masked"),
+        (lambda: Mesh(POINTS, {"triangles": [[0, 1, 2]]}), r"got 'triangles' \(did you mean 'triangle'\?\)"),
+        (lambda: Mesh.load("m.npz", ["moving"]), r"roles must be a dict, .* got \['moving'\] \(as roles="),
+        (lambda: Mesh.from_pyvista(None, "moving"), "roles must be a dict, .* got 'moving'"),
+        (lambda: Mesh.from_meshio(None, None), "roles must be a dict, .* got None"),
+        (lambda: Mesh.from_gmsh(["moving"]), "roles must be a dict"),
+        (lambda: Mesh.load(3, GIVEN), "path must be the path of a mesh file, got 3"),
         (lambda: Mesh(POINTS, {}, global_ids=[1, 2]), "one number for each point, got 2 for 3 points"),
     ],
 )
@@ -62,9 +69,6 @@ def test_the_mesh_keeps_copies():
     assert (mesh.points == POINTS).all()
 
 
-GIVEN = {"wall": "fixed", "flag": "moving"}
-
-
 def test_a_file_is_read_with_its_numbers_and_the_roles_that_are_given(tmp_path):
     arrays = {"points": np.zeros((3, 2)), "cells_triangle": [[0, 1, 2]], "patch_wall": [2, 0], "global_ids": [4, 5, 9]}
     np.savez(tmp_path / "part.npz", **arrays)
@@ -79,6 +83,13 @@ def test_a_file_is_read_with_its_numbers_and_the_roles_that_are_given(tmp_path):
     assert Mesh.load(str(tmp_path / "whole.npz"), {"wall": "fixed"}).global_ids is None
     with pytest.raises(InvalidInput, match=r"whole\.npz: there is no patch 'flag'; the mesh has \['wall'\]"):
         Mesh.load(tmp_path / "whole.npz", GIVEN)
+    assert Mesh.load(tmp_path / "whole.npz", {"wall": "free"}).patches == {}
+    for roles, hint in (
+        ({"wal": "fixed"}, r"'wal' is no patch: did you mean 'wall'\?"),
+        ({}, "add 'wall': 'moving' or 'fixed', or 'free' to leave it out"),
+    ):
+        with pytest.raises(InvalidInput, match=rf"patch 'wall' has no role; .* \({hint}\)"):
+            Mesh.load(tmp_path / "whole.npz", roles)
 
 
 @pytest.mark.parametrize(

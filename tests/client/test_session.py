@@ -2,6 +2,7 @@
 
 import os
 import signal
+from functools import partial
 
 import numpy as np
 import pytest
@@ -115,7 +116,21 @@ def test_wrong_settings_name_the_key(client, mesh):
         client.open(mesh, {"radius": 1.0})
     with pytest.raises(InvalidInput, match="support_radius"):
         client.open(mesh, {"support_radius": -1.0})
+    with pytest.raises(InvalidInput, match=r"settings must be a dict, .* got list \(as"):
+        client.open(mesh, ["support_radius"])
     assert known() <= before  # sessions of earlier tests may still come to rest, or go
+
+
+def test_things_of_another_kind_are_named_with_what_to_give(client):
+    with pytest.raises(InvalidInput, match=r"mesh must be a Mesh, got str \(.*Mesh.load"):
+        client.open("mesh.npz")
+    for call in (client.resume, partial(client.join, partition=0)):
+        with pytest.raises(InvalidInput, match=r"credentials must be Credentials, got str \(.*Credentials.load"):
+            call("mesh-motion.session")
+    with pytest.raises(InvalidInput, match="timeout must be a number of seconds, got '2'"):
+        connect("tcp://127.0.0.1:1", timeout="2")
+    with pytest.raises(InvalidInput, match="compute_timeout must be a number of seconds, got nan"):
+        connect("tcp://127.0.0.1:1", compute_timeout=float("nan"))
 
 
 def test_an_error_inside_the_block_is_not_hidden(client, mesh):

@@ -18,6 +18,8 @@ from format_files import (
     WRITERS,
     abaqus,
     elmer,
+    ensight,
+    ensight_binary,
     exodus,
     exodus_hdf5,
     fluent,
@@ -137,14 +139,12 @@ def test_vtk_reads_the_same_cells_of_fluent(tmp_path: Path) -> None:
             r"an MFEM mesh of another kind, which is not read \(versions .* are read; .* MFEM writes",
         ),
         ("m.vol", "mesh3d\ndimension\n3\n", r"a Netgen mesh, .*Export Mesh"),
-        ("m.case", "FORMAT\ntype: ensight gold\n", "an EnSight case, which is not read"),
         ("m.ccm", "@(#)ADF Database Version A02011>", r"a STAR-CCM\+ mesh, which is not read"),
         ("m.dat", 'TITLE = "x"\n', "a Tecplot file, which is not read"),
         ("m.inp", "# made by x\n 4 1 0 0 0\n 1 0. 0. -1e-3\n", "an AVS UCD file, which is not read"),
         ("m.ply2", "3\n1\n0 0 0\n1 0 0\n", "unknown kind of mesh file; known are"),
         ("m.txt", "4 1 0 0 0\n4 1 0 0 0\n", "unknown kind of mesh file; known are"),
         ("m.geo", "Point(1) = {0, 0, 0};", r"a geometry of Gmsh, which is not read \(mesh it"),
-        ("m.geo", "C Binary" + 72 * " ", r"EnSight's geometry, which is not read \(.*Merge Blocks"),
         ("m.vtu", "", r"an empty file, which is not read \(was its program"),
         ("m.dat", "", "an empty file, which is not read"),
         ("m.msh", "\x1f\x8b\x08", r"a packed file, which is not read \(unpack it"),
@@ -152,7 +152,13 @@ def test_vtk_reads_the_same_cells_of_fluent(tmp_path: Path) -> None:
         ("m.vtu", "<!DOCTYPE html>\n<html>", "a page of the web, which is not read"),
         ("m.msh", "\xef\xbb\xbf$MeshFormat\n", "a text with a byte order mark, which is not read"),
         ("m.dat", '# by x\nVARIABLES = "X"\n', "a Tecplot file, which is not read"),
-        ("m.h5m", "\x89HDF\r\n\x1a\n", r"a file in HDF5, which is not read \(give it the ending"),
+        ("m.hmf", "\x89HDF\r\n\x1a\n", r"a file in HDF5, which is not read \(give it the ending"),
+        ("m.h5m", "\x89HDF\r\n\x1a\n", r"a MOAB mesh, which is not read \(.*mbconvert"),
+        ("m.vtkhdf", "\x89HDF\r\n\x1a\n", r"a VTKHDF file, which is not read \(ParaView .* save it"),
+        ("m.e", "CDF\5", r"a netCDF file of 64-bit numbers \(CDF-5\), which is not read \(nccopy"),
+        ("m.pvts", '<VTKFile type="PStructuredGrid"/>', "Append Datasets"),
+        ("m.vtu", '<VTKFile type="UnstructuredGrid" compressor="vtkLZ4DataCompressor"/>', "LZ4.*compressor ZLib"),
+        ("m.msh", '(1 "meshio 5.3.5")\n(2 3)\n', r"cells without faces, written by meshio as 'ansys'.*\(let meshio"),
         ("m.msh", "$NOD\n3\n", r"a Gmsh mesh of version 1, which is not read \(Gmsh reads it"),
         ("m.k", "*KEYWORD\n*NODE\n 1 0. 0. 0.\n", "an LS-DYNA deck, which is not read"),
         ("m.inp", "*KEYWORD\n*NODE\n 1 0. 0. 0.\n", "an LS-DYNA deck, which is not read"),
@@ -319,6 +325,13 @@ def test_med_and_exodus_files_that_do_not_fit(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("write", "old", "new", "message"),
     [
+        (abaqus, "C3D8", "C3D6", r"elements C3D6 of 6 nodes, but 72 numbers follow$"),
+        (
+            abaqus,
+            "*ELEMENT, TYPE=C3D8",
+            "*ELEMENT, TYPE=C3D6\n" + ", ".join(["1"] * 19) + "\n*ELEMENT, TYPE=C3D8",
+            "19 numbers follow; Gmsh calls wedges of 18 nodes so: .*SecondOrderIncomplete = 1",
+        ),
         (abaqus, "C3D8", "C3D20", r"\*ELEMENT in line 32: elements C3D20 of 20 nodes, but 72 numbers follow"),
         (abaqus, "1, S", "77, S", "element 77 is named, but does not exist"),
         (abaqus, ", S1", ", S9", "side 9 of a hexahedron"),
@@ -904,6 +917,35 @@ def test_sides_of_exodus_shells_are_two_faces_and_the_edges(
     assert {name: nodes.tolist() for name, nodes in found.items()} == expected
 
 
+@pytest.mark.parametrize("kind", ["BEX8", "NSIDED"])
+def test_blocks_of_exodus_that_are_not_read_are_named_with_the_way_out(tmp_path: Path, kind: str) -> None:
+    points = np.array([(0.0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)])
+    arrays: dict[str, Any] = {f"coord{axis}": points[:, k] for k, axis in enumerate("xyz")}
+    flat = np.array([1, 2, 3, 4], "i")
+    arrays |= {"connect1": np.array([[1, 2, 3]], "i"), "connect2": flat if kind == "NSIDED" else flat[None]}
+    _exodus_of(tmp_path / "m.exo", arrays, ["TRI3", kind])
+    one_line(
+        tmp_path / "m.exo", rf"m.exo: block 2 of elements of type '{kind}'; known are BAR, .*\(save the mesh without"
+    )
+
+
+def test_points_and_thick_shells_of_exodus(tmp_path: Path) -> None:
+    """A block of points has no cells; HEXSHELL has the sides of a hexahedron, as in libexodus."""
+    arrays: dict[str, Any] = {f"coord{axis}": _CUBE[:, k] for k, axis in enumerate("xyz")}
+    arrays |= {"connect1": np.arange(1, 9, dtype="i")[None], "connect2": np.array([[3]], "i")}
+    arrays |= {"elem_ss1": np.array([1], "i"), "side_ss1": np.array([5], "i")}
+    _exodus_of(tmp_path / "m.exo", arrays, ["HEXSHELL", "POINT"])
+    mesh = read_mesh(tmp_path / "m.exo")
+    assert {name: len(nodes) for name, nodes in mesh.cells.items()} == {"hexahedron": 1}
+    assert lists(mesh.patches) == {"1": [0, 1, 2, 3]}
+
+
+def test_cgns_without_bases_is_none(tmp_path: Path) -> None:
+    with pytest.importorskip("h5py").File(tmp_path / "m.cgns", "w") as file:
+        file["Base/Zone1/GridCoordinates/CoordinateX/ data"] = POINTS[:, 0]
+    one_line(tmp_path / "m.cgns", r"no base \(CGNSBase_t\): not a CGNS file \(meshio's .cgns is none")
+
+
 @pytest.mark.parametrize(
     ("solid", "side", "expected"),
     [
@@ -992,3 +1034,90 @@ def test_one_array_of_faces_and_lines_elsewhere_is_said(tmp_path: Path) -> None:
     mesh = read_mesh(tmp_path / "m.vtk")
     assert mesh.patches["wall"].tolist() == [0, 1, 2, 3]
     assert any("name of a surface and of a curve with 1 other node" in note for note in mesh.notes)
+
+
+@pytest.mark.parametrize("order", "<>")
+def test_a_binary_case_of_ensight_is_the_first_of_its_steps(tmp_path: Path, order: str) -> None:
+    """Also a check with another reader: VTK finds the moved nodes and the faces of each part."""
+    for step in (10, 2):
+        ensight_binary(tmp_path / f"box{step:04d}.geo", order)
+    (tmp_path / "box.case").write_text(
+        'FORMAT\ntype: ensight gold\nGEOMETRY\nmodel: 1 "box****.geo"  # of a run\nVARIABLE\n'
+        "scalar per node: 1 p box****.p\n"
+    )
+    mesh = read_mesh(tmp_path / "box.case")
+    np.testing.assert_array_equal(mesh.points, POINTS.astype(np.float32))
+    assert lists(mesh.patches) == {key: nodes.tolist() for key, nodes in PATCHES.items()}
+    assert mesh.notes == ("box0002.geo is read, the first of 2 steps",)
+    moved = mesh.points * [1.5, 1.0, 1 / 3] + 0.1
+    write_mesh(tmp_path / "moved.case", replace(mesh, points=moved))
+    np.testing.assert_array_equal(read_mesh(tmp_path / "moved.case").points, moved.astype(np.float32))
+    reading = pytest.importorskip("vtkmodules.vtkIOEnSight")
+    numpy_support = pytest.importorskip("vtkmodules.util.numpy_support")
+    reader = reading.vtkGenericEnSightReader()
+    reader.SetCaseFileName(str(tmp_path / "moved.case"))
+    reader.Update()
+    blocks = [reader.GetOutput().GetBlock(k) for k in range(4)]
+    assert [block.GetNumberOfCells() for block in blocks] == [8, 4, 16, 4]
+    for block, nodes in zip(blocks, [np.arange(len(moved)), *PATCHES.values()], strict=True):
+        found = numpy_support.vtk_to_numpy(block.GetPoints().GetData())
+        np.testing.assert_array_equal(found, moved[nodes].astype(np.float32))
+
+
+def test_a_copy_of_an_ensight_case_never_replaces_the_geometry(tmp_path: Path) -> None:
+    ensight(tmp_path / "wing.geo")
+    (tmp_path / "box.case").write_text("FORMAT\ntype: ensight gold\nGEOMETRY\nmodel: wing.geo\n")
+    with pytest.raises(InvalidInput, match="would replace the geometry of"):
+        write_mesh(tmp_path / "wing.case", read_mesh(tmp_path / "box.case"))
+    ensight(tmp_path / "same.geo")
+    assert (tmp_path / "wing.geo").read_bytes() == (tmp_path / "same.geo").read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("hexa8", "hexa9x", "'hexa9x', expected a part or a type of elements"),
+        (
+            "part\n1\ninternalMesh\n",
+            "",
+            "'coordinates', expected a part .*: it is EnSight 6's, of which ParaView makes",
+        ),
+        ("hexa8", "nfaced", "elements 'nfaced'; known are point, .*filter Tetrahedralize"),
+        ("hexa8", "hexa4", "elements 'hexa4' have too few nodes"),
+        ("coordinates\n27", "block\n3 3 3", "'block' in the part 'internalMesh', .*filter Merge Blocks"),
+        ("coordinates\n27", "coordinates\n28", "line 37: invalid literal for int.*'0.0'"),
+        ("node id given", "node id yes", "'node id yes', expected 'node id' with one of: off"),
+        ("quad4\n4", "quad4\n5", "line .*"),
+        ("\n1 2 5 4\n", "\n1 2 5 99\n", r"part 'wall', quad4, row 1: node 99, but its nodes are 1 to 9"),
+    ],
+)
+def test_geometries_of_ensight_that_do_not_fit(tmp_path: Path, old: str, new: str, message: str) -> None:
+    ensight(tmp_path / "m.geo")
+    assert old in (tmp_path / "m.geo").read_text()
+    one_line(replaced(tmp_path / "m.geo", old, new), f"malformed EnSight geometry: .*({message})")
+
+
+def test_cases_of_ensight_that_do_not_fit_and_parts_elsewhere(tmp_path: Path) -> None:
+    (tmp_path / "m.case").write_text("FORMAT\ntype: ensight gold\n")
+    one_line(tmp_path / "m.case", "no 'model: FILE' in its section GEOMETRY")
+    (tmp_path / "m.case").write_text("FORMAT\ntype: ensight gold\nGEOMETRY\nmodel: a.geo\n")
+    one_line(tmp_path / "m.case", r"its geometry 'a.geo' is missing \(keep")
+    ensight_binary(tmp_path / "cut.geo")
+    (tmp_path / "cut.geo").write_bytes((tmp_path / "cut.geo").read_bytes()[:-7])
+    one_line(tmp_path / "cut.geo", "the file ends where 64 bytes are expected")
+    plane = "part\n9\ncut\ncoordinates\n3\n1\n2\n3\n" + "0.1\n0.2\n0.1\n" * 3 + "tria3\n1\n1\n1 2 3\n"
+    ensight(tmp_path / "m.geo")
+    (tmp_path / "m.geo").write_text((tmp_path / "m.geo").read_text() + plane)
+    mesh = read_mesh(tmp_path / "m.geo")
+    assert len(mesh.points) == len(POINTS)
+    assert [*mesh.patches] == [*PATCHES]
+    assert mesh.notes == ("the part 'cut' has nodes that no cell has (1 elements): it is no patch",)
+    write_mesh(tmp_path / "moved.geo", replace(mesh, points=POINTS + 0.5))
+    assert (tmp_path / "moved.geo").read_text().endswith("\n 0.1\n 0.2\n 0.1\ntria3\n1\n1\n1 2 3\n")
+    flat = "a\nb\nnode id off\nelement id off\npart\n1\nfluid\ncoordinates\n4\n" + "\n".join("011000110000") + "\n"
+    (tmp_path / "m.geo").write_text(flat + "nsided\n1\n4\n1 2 3 4\n")
+    one_line(tmp_path / "m.geo", r"cells of the part 'fluid' are polygons \(nsided\) \(ParaView's filter Triangulate")
+    (tmp_path / "m.geo").write_text(flat + "quad4\n1\n1 2 3 4\nbar2\n1\n1 2\n")
+    mesh = read_mesh(tmp_path / "m.geo")
+    assert mesh.points.tolist() == [[0, 0], [1, 0], [1, 1], [0, 1]]
+    assert lists(mesh.patches) == {"fluid": [0, 1]}

@@ -263,7 +263,7 @@ def test_cells_of_higher_order_are_read_by_their_corners(tmp_path: Path) -> None
     np.testing.assert_array_equal(mesh.cells["triangle"], [[0, 1, 2]])
     np.testing.assert_array_equal(mesh.patches["2"], [0, 1, 3])  # its middle goes where the patch goes
     assert mesh.notes == (
-        "2 cells of higher order are moved and judged by their corners; their other nodes move along",
+        "1 cells of higher order are moved and judged by their corners; their other nodes move along",
     )
 
 

@@ -456,6 +456,42 @@ def xdmf_binary(path: Path) -> None:
     path.with_suffix(".bin").write_bytes(raw)
 
 
+def _ensight(text: Callable[[str], bytes], numbers: Callable[[NDArray[Any]], bytes]) -> bytes:
+    """EnSight's geometry as OpenFOAM writes it, a part for each patch; ``sides`` has polygons, ids are given."""
+    parts = [("internalMesh", np.arange(N**3), CELLS)]
+    parts += [
+        (name, nodes, np.searchsorted(nodes, [face.nodes for face in FACES if face.patch == name]))
+        for name, nodes in PATCHES.items()
+    ]
+    out = b"".join(map(text, ["a box", "by hand", "node id given", "element id given"]))
+    for number, (name, nodes, own) in enumerate(parts, start=1):
+        out += text("part") + numbers(np.array([number])) + text(name) + text("coordinates")
+        out += numbers(np.array([len(nodes)])) + numbers(nodes + 1)
+        out += b"".join(numbers(column) for column in POINTS[nodes].T)
+        kind = "nsided" if name == "sides" else "quad4" if own.shape[1] == 4 else "hexa8"
+        out += text(kind) + numbers(np.array([len(own)])) + numbers(np.arange(len(own)) + 101)
+        out += numbers(np.full(len(own), 4)) if kind == "nsided" else b""
+        out += numbers(own + 1)
+    return out
+
+
+def ensight(path: Path) -> None:
+    path.write_bytes(
+        _ensight(lambda line: f"{line}\n".encode(), lambda values: rows(values.reshape(len(values), -1)).encode())
+    )
+
+
+def ensight_binary(path: Path, order: str = "<") -> None:
+    """The same in C binary, in single precision."""
+    path.write_bytes(
+        b"C Binary".ljust(80, b"\0")
+        + _ensight(
+            lambda line: line.encode().ljust(80, b"\0"),
+            lambda values: values.astype(f"{order}{values.dtype.kind}4").tobytes(),
+        )
+    )
+
+
 #: {file: writer}; every file holds POINTS, CELLS and PATCHES.
 WRITERS: dict[str, Callable[[Path], None]] = {
     "box.msh": fluent,
@@ -480,4 +516,5 @@ WRITERS: dict[str, Callable[[Path], None]] = {
     "box.xdmf": xdmf,
     "box_h5.xdmf": xdmf_hdf5,
     "box.xmf": xdmf_binary,
+    "box.geo": ensight,
 }

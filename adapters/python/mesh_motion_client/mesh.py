@@ -22,6 +22,8 @@ __all__ = ["CELL_NODES", "ROLES", "Mesh", "Patch", "finite_rows", "real_numbers"
 #: Number of nodes of each cell type.
 CELL_NODES = {"line": 2, "triangle": 3, "quad": 4, "tetra": 4, "pyramid": 5, "wedge": 6, "hexahedron": 8}
 ROLES = ("moving", "fixed", "slip", "symmetry", "periodic")
+#: In place of a role: the patch is left out, as in a case file.
+_LEFT_OUT = "free"
 
 #: Cell types of a 2D mesh.
 _PLANE = ("triangle", "quad")
@@ -112,7 +114,7 @@ class Mesh(Described):
             partition ``global_ids``. If the server's package is installed too, also every file that
             ``mesh-motion check`` reads: of Gmsh, OpenFOAM, SU2, VTK, CGNS, …
         roles : dict
-            Name of each patch → its role. A partition need not have all of them.
+            Name of each patch → its role, or "free" to leave it out. A partition need not have all of them.
         zone : str
             Name or number of a zone, if the file has several.
 
@@ -121,6 +123,9 @@ class Mesh(Described):
         InvalidInput
             Naming the file, if it cannot be read, holds other arrays, or has a patch without a role.
         """
+        _check_roles(roles)
+        if not isinstance(path, str | os.PathLike):
+            raise InvalidInput(f"path must be the path of a mesh file, got {_short(path)}")
         if zone or Path(path).suffix.lower() != ".npz":
             return cls._of(from_file(path, zone), roles, f"{os.fspath(path)}: ")
         try:
@@ -161,7 +166,7 @@ class Mesh(Described):
         InvalidInput
             If an array is missing, or the mesh has other cells than the seven types.
         """
-        return cls._of(from_pyvista(dataset, roles), roles)
+        return cls._of(from_pyvista(dataset, _check_roles(roles)), roles)
 
     @classmethod
     def from_meshio(cls, mesh: Any, roles: Mapping[str, str]) -> Self:
@@ -179,7 +184,7 @@ class Mesh(Described):
         InvalidInput
             As :meth:`from_pyvista` does.
         """
-        return cls._of(from_meshio(mesh, roles), roles)
+        return cls._of(from_meshio(mesh, _check_roles(roles)), roles)
 
     @classmethod
     def from_gmsh(cls, roles: Mapping[str, str]) -> Self:
@@ -188,13 +193,15 @@ class Mesh(Described):
         Parameters
         ----------
         roles : dict
-            Name of each physical group of the boundary → its role; a group without a name has its number.
+            Name of each physical group of the boundary → its role, or "free" to leave it out; a group without a name
+            has its number.
 
         Raises
         ------
         InvalidInput
             If there is no mesh, a group has no role, or the mesh has other cells than the seven types.
         """
+        _check_roles(roles)
         return cls._of(from_gmsh(), roles, "Gmsh's model: ")
 
     def to_pyvista(self) -> Any:
@@ -210,14 +217,18 @@ class Mesh(Described):
         if without:
             raise InvalidInput(
                 f"{where}patch {without[0]!r} has no role; roles are given of {sorted(roles)}",
-                hint=f"add {without[0]!r}: 'moving' or 'fixed'",
+                hint=next(
+                    (f"{name!r} is no patch: {hint}" for name in unknown if (hint := meant(name, without[:1]))),
+                    f"add {without[0]!r}: 'moving' or 'fixed', or 'free' to leave it out",
+                ),
             )
         if unknown and global_ids is None:
             raise InvalidInput(
                 f"{where}there is no patch {unknown[0]!r}; the mesh has {sorted(content.patches)}",
                 hint=meant(unknown[0], content.patches) or "roles name the patches of the mesh",
             )
-        patches = {name: Patch(roles[name], nodes) for name, nodes in content.patches.items()}
+        kept = {name: nodes for name, nodes in content.patches.items() if roles[name] != _LEFT_OUT}
+        patches = {name: Patch(roles[name], nodes) for name, nodes in kept.items()}
         try:
             return cls(content.points, content.cells, patches, global_ids)
         except InvalidInput as error:
@@ -282,7 +293,9 @@ class Mesh(Described):
 
     def _cells(self, name: str, nodes: ArrayLike) -> NDArray[np.integer]:
         if name not in CELL_NODES:
-            raise InvalidInput(f"cell types are {', '.join(CELL_NODES)}, got {name!r}")
+            raise InvalidInput(
+                f"cell types are {', '.join(CELL_NODES)}, got {name!r}", hint=meant(str(name), CELL_NODES)
+            )
         if name in _PLANE and self.points.shape[1] == 3:
             raise InvalidInput(
                 f"cells of type {name} must have points (n, 2), got points {self.points.shape}",
@@ -305,6 +318,16 @@ class Mesh(Described):
             hint="node numbers count from 0",
             details={"row": first[0], "value": int(nodes[first])},
         )
+
+
+def _check_roles(roles: Mapping[str, str]) -> Mapping[str, str]:
+    """The roles, if they are a dict."""
+    if not isinstance(roles, Mapping):
+        raise InvalidInput(
+            f"roles must be a dict, name of a patch → its role, got {_short(roles)}",
+            hint="as roles={'wall': 'moving', 'outlet': 'fixed'}",
+        )
+    return roles
 
 
 def _check_unpacked(path: str | os.PathLike[str], held: int) -> None:

@@ -6,6 +6,7 @@ import contextlib
 import os
 import time
 from collections.abc import Callable, Mapping, Sequence
+from numbers import Real
 from types import TracebackType
 from typing import Any, Self
 
@@ -130,6 +131,16 @@ class Server(Described):
         InvalidInput
             Naming the first offender in the mesh or the settings.
         """
+        if not isinstance(mesh, Mesh):
+            raise InvalidInput(
+                f"mesh must be a Mesh, got {type(mesh).__name__}",
+                hint="Mesh(points, cells, patches), or Mesh.load(path, roles) of a file",
+            )
+        if not isinstance(settings, Mapping | None):
+            raise InvalidInput(
+                f"settings must be a dict, key → value, got {type(settings).__name__}",
+                hint="as {'support_radius': 0.5}",
+            )
         if partitions > 1 and mesh.global_ids is None:
             raise InvalidInput("with several partitions a mesh must have global_ids", code="INVALID_ARGUMENT.PARTITION")
         attempts = _OPEN_ATTEMPTS if announce is None else 1
@@ -189,7 +200,7 @@ class Server(Described):
         A built session needs no mesh, unless the client evaluates its volume.
         """
         deadline = time.monotonic() + self._timeout
-        fields = {"session": credentials.session, "token": credentials.token}
+        fields = _named(credentials)
         while True:
             probed = self._connected.ask(Probe, Probed, max(seconds_left(deadline), 1.0), **fields)
             if probed.worker == "alive":
@@ -213,7 +224,7 @@ class Server(Described):
 
         ``mesh``: the partition's mesh from the opening of the session; needed if the client evaluates the volume.
         """
-        fields = {"session": credentials.session, "token": credentials.token}
+        fields = _named(credentials)
         resumed = self._connected.ask(Resume, Resumed, self._compute_timeout, **fields)
         session = self._session(credentials, partition)
         with _closing_on_error(session, "keep"):
@@ -338,12 +349,25 @@ def connect(
     ...     moved = session.move(displacements)
     ...     session.commit()
     """
+    for name, seconds in (("timeout", timeout), ("compute_timeout", compute_timeout)):
+        if not isinstance(seconds, Real) or not seconds >= 0:
+            raise InvalidInput(f"{name} must be a number of seconds, got {seconds!r}")
     if endpoint is None:
         return Server.embedded(
             state, timeout=timeout, compute_timeout=compute_timeout, options=server_options, durability=durability
         )
     keys = keys if keys is not None else Keys.from_environment()
     return Server(endpoint, timeout=timeout, compute_timeout=compute_timeout, keys=keys, durability=durability)
+
+
+def _named(credentials: Credentials) -> dict[str, Any]:
+    """The fields of a request that name a session."""
+    if not isinstance(credentials, Credentials):
+        raise InvalidInput(
+            f"credentials must be Credentials, got {type(credentials).__name__}",
+            hint="session.credentials, or Credentials.load(path) of what session.credentials.save(path) wrote",
+        )
+    return {"session": credentials.session, "token": credentials.token}
 
 
 @contextlib.contextmanager

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 from mesh_motion_numerics.arrays import Floats, Integers
 from mesh_motion_numerics.mesh.cells import CELL_TYPES
+from mesh_motion_protocol.errors import InvalidInput
 
 from mesh_motion_server.files.cgns.conditions import read_conditions
 from mesh_motion_server.files.cgns.elements import NFACE, NGON, VERTEX, Elements, ListedElements, read_elements
@@ -79,6 +80,11 @@ def _other_count(zone: Node, read: int) -> list[str]:
 
 def _the_zones(root: Node, name: str) -> tuple[Node, list[Node]]:
     """The only base and its zone with this name; without a name its single zone, or all if they are structured."""
+    if not root.children("CGNSBase_t"):
+        raise InvalidInput(
+            f"{root.path}: it has no base (CGNSBase_t): not a CGNS file",
+            hint="meshio's .cgns is none: let meshio write another format, for example .vtu",
+        )
     base = root.only("CGNSBase_t", "bases")
     zones = {zone.name: zone for zone in base.children("Zone_t")}
     if not name and zones and all(_is_structured(zone) for zone in zones.values()):

@@ -19,7 +19,7 @@ from mesh_motion_protocol.errors import InvalidInput
 
 from mesh_motion_server.files.mesh_file import concatenated
 
-__all__ = ["PatchKey", "VtkPiece", "joined", "renumbered", "sources"]
+__all__ = ["PatchKey", "VtkPiece", "joined", "numbering", "renumbered", "sources"]
 
 #: The dimension of a group, and its number or its name.
 PatchKey = tuple[int, int | str]
@@ -70,7 +70,7 @@ def joined(path: Path, pieces: Sequence[VtkPiece]) -> tuple[VtkPiece, list[str]]
     if len(pieces) == 1:
         return pieces[0], []
     first = np.cumsum([0, *(len(piece.points) for piece in pieces)])
-    number, kept = _numbering(path, np.concatenate([piece.points for piece in pieces]), first)
+    number, kept = numbering(path, np.concatenate([piece.points for piece in pieces]), first)
     points = np.concatenate([piece.points for piece in pieces])[kept]
     whole = renumbered(pieces, number, points)
     return whole, [f"{len(pieces)} pieces were joined; {int(first[-1]) - len(points)} nodes were in several of them"]
@@ -90,7 +90,7 @@ def renumbered(pieces: Sequence[VtkPiece], number: Integers, points: Floats) -> 
     return VtkPiece(points, concatenated(cells), concatenated(patches))
 
 
-def _numbering(path: Path, points: Floats, first: Integers) -> tuple[Integers, Integers]:
+def numbering(path: Path, points: Floats, first: Integers) -> tuple[Integers, Integers]:
     """The new number (n,) of each node of all pieces, and (k,) the nodes that are kept."""
     finite = np.isfinite(points).all(axis=1)
     if not finite.all():

@@ -111,7 +111,13 @@ def grids_as_mesh(path: Path, read: Callable[[Path], list[VtkGrid]], files: list
     whole, notes = joined(path, pieces) if pieces else (VtkPiece(np.empty((0, 3)), {}, {}), [])
     patches, of_names = by_name(named_groups(whole.patches))
     mesh = assemble(path, whole.points, whole.cells, patches)
-    notes = [*notes, *of_names, *by_corners(sum(int(grid.is_higher.sum()) for _, grid in grids))]
+    higher = sum(
+        int(grid.is_higher[rows].sum())
+        for (_, grid), cells in zip(grids, listed, strict=True)
+        for name, rows, _ in cells
+        if CELL_TYPES[name].dimension == dimension
+    )
+    notes = [*notes, *of_names, *by_corners(higher)]
     if not patches:
         notes += _no_patches([grid for _, grid in grids])
     return replace(mesh, notes=(*mesh.notes, *notes))

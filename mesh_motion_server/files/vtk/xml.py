@@ -36,6 +36,7 @@ _WAYS_IN = {
     "vtkMultiBlockDataSet": _OF_FILES,
     "ImageData": _BY_PARAVIEW,
     "RectilinearGrid": _BY_PARAVIEW,
+    "PStructuredGrid": _BY_PARAVIEW,
     "PolyData": "a surface has no cells of a volume: mesh the space around it",
 }
 _TYPES = {
@@ -127,7 +128,10 @@ class _Values:
         self._integer = np.dtype(order + ("u8" if self.root.get("header_type") == "UInt64" else "u4"))
         self._compressor = self.root.get("compressor")
         if self._compressor and self._compressor not in _UNPACKERS:
-            raise ValueError(f"it is compressed by {self._compressor}; known are {', '.join(_UNPACKERS)}")
+            raise InvalidInput(
+                f"{path}: compressed by {self._compressor}; known are {', '.join(_UNPACKERS)}",
+                hint="save it with the compressor ZLib: an option of ParaView, SetCompressorTypeToZLib in VTK",
+            )
 
     def arrays(self, piece: ElementTree.Element, section: str) -> dict[str, NDArray[np.generic]]:
         """The arrays of a section of a piece; arrays of text are left out."""

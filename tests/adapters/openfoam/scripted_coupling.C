@@ -4,7 +4,7 @@
 // the plate's faces for the step that comes, and at the end of a window takes time, points and fields back, or goes on.
 //
 //     iterations (1.5 1);   // of a window, and by how much each one goes too far
-//     subSteps 2;           // time steps of a window
+//     subSteps (2 1 3);     // time steps of a window, of equal length: in the first iteration of the run, the next, …
 //     windows 4;            // then the run ends
 //     keepWeights yes;      // of the interpolation to points: those of the mesh that the run begins with
 //     stopAfter 2;          // windows: the run is broken off, as by a fault
@@ -24,8 +24,9 @@ namespace functionObjects
 class scriptedCoupling : public fvMeshFunctionObject
 {
     scalarList factors_;
-    label subSteps_, windows_, stopAfter_, iteration_ = 0, window_ = 0, index_ = 0;
-    scalar value_ = 0;
+    labelList subSteps_;
+    label windows_, stopAfter_, iteration_ = 0, window_ = 0, index_ = 0, done_ = 0;
+    scalar value_ = 0, length_;
     bool keepsWeights_;
     pointField points_;
     vectorField start_;
@@ -73,9 +74,10 @@ public:
     :
         fvMeshFunctionObject(name, time, dict),
         factors_(dict.lookup("iterations")),
-        subSteps_(dict.get<label>("subSteps")),
+        subSteps_(dict.lookup("subSteps")),
         windows_(dict.get<label>("windows")),
         stopAfter_(dict.lookupOrDefault<label>("stopAfter", -1)),
+        length_(subSteps_[0]*time.deltaTValue()),
         keepsWeights_(dict.lookupOrDefault("keepWeights", false)),
         faces_(&mesh_.lookupObjectRef<volVectorField>("cellDisplacement")),
         nodes_(&mesh_.lookupObjectRef<pointVectorField>("pointDisplacement"))
@@ -86,8 +88,9 @@ public:
 
     virtual bool execute()
     {
-        if (time().timeIndex() - index_ == subSteps_)
+        if (time().timeIndex() - index_ == subSteps_[done_ % subSteps_.size()])
         {
+            time().setDeltaT(length_/subSteps_[++done_ % subSteps_.size()]);
             if (++iteration_ < factors_.size())
             {
                 time().setTime(value_, index_);

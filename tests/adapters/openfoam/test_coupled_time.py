@@ -2,17 +2,24 @@
 preCICE.
 """
 
+import contextlib
 import re
+import signal
 import subprocess
+import tempfile
+import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from tests.faults.server_process import ServerProcess
+
+PATIENCE = 240.0
 SOURCE = Path(__file__).with_name("scripted_coupling.C")
 HEADERS = ("OpenFOAM", "OSspecific/POSIX", "finiteVolume", "meshTools")
 SCRIPT = """functions {{ script {{ type scriptedCoupling; libs ("{library}");
-    iterations ({iterations}); subSteps {sub_steps}; windows {windows}; {further} }} }}
+    iterations ({iterations}); subSteps ({sub_steps}); windows {windows}; {further} }} }}
 """
 
 #: The plate turns by a radian at once where an iteration goes too far.
@@ -83,6 +90,22 @@ def test_sub_steps_of_a_window_are_one_step(coupled):
     np.testing.assert_array_equal(often.points("0.2"), once.points("0.2"))
 
 
+@pytest.mark.parametrize(
+    ("sub_steps", "window"), [("2 1 3", 0.0), ("1 3 2", 0.0), ("2 1 3", 0.1)], ids=["fewer", "more", "given"]
+)
+def test_iterations_of_a_window_may_have_other_sub_steps(coupled, sub_steps, window):
+    """As with a time step that follows the Courant number."""
+    first, keep = int(sub_steps[0]), "keepWeights yes;"
+    once = coupled("once", "1", first, 3, keep, method=f"couplingWindow {0.05 * first};")
+    often = coupled("often", "1.5 0.7 1", sub_steps, 3, keep, method=f"couplingWindow {window};" if window else "")
+    once.run("moveDynamicMesh")
+    output = often.run("moveDynamicMesh")
+    assert max(steps(output)) == (3, 18)  # six sub-steps with three outer correctors
+    end = f"{0.15 * first:.2g}"
+    np.testing.assert_allclose(often.points(end), once.points(end), rtol=0, atol=1e-14)
+    assert committed(often, end) == committed(once, end)
+
+
 def test_a_window_that_is_found_too_late_is_named(coupled):
     case = coupled("case", "1", 2, 1)
     case.run("moveDynamicMesh")
@@ -130,6 +153,51 @@ def test_a_refused_iteration_may_be_followed_by_a_better_one(coupled, keeps):
     if keeps:
         assert "the mesh stays where it was" in output
         np.testing.assert_array_equal(case.points("0.1"), once.points("0.1"))
+
+
+@pytest.mark.parametrize("ranks", [1, pytest.param(2, marks=pytest.mark.nightly)])
+def test_a_refused_sub_step_may_be_followed_by_a_better_iteration(coupled, ranks):
+    """The second window's first iteration is refused in both of its sub-steps; the first window stays committed."""
+    keep = "onRefusal keep; couplingWindow 0.1;"
+    once, case = (coupled(name, far, 2, 2, "keepWeights yes;") for name, far in (("once", "1"), ("case", "30 1")))
+    for each in (once, case):
+        each.method(REFUSING, keep)
+    once.run("moveDynamicMesh")
+    if ranks > 1:
+        case.run("decomposePar")
+    output = case.run("moveDynamicMesh", ranks=ranks)
+    assert output.count("the mesh stays where it was") >= 2
+    assert max(steps(output))[0] == 2
+    if ranks > 1:
+        case.check_ranks("0.2", once.points("0.2"))
+    else:
+        np.testing.assert_allclose(case.points("0.2"), once.points("0.2"), rtol=0, atol=1e-14)
+
+
+def test_a_server_that_is_killed_within_a_window_comes_back(coupled):
+    """Its second iteration is repeated by a new server; steps and nodes are those of a run that nothing disturbed."""
+    with contextlib.ExitStack() as stack:
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))  # short, for the path of a socket
+        server = stack.enter_context(ServerProcess(folder, endpoint=f"ipc://{folder}/control"))
+        wait = "timeout 2; computeTimeout 5; onServerLoss wait 200;"
+        calm, case = (coupled(name, "1.5 0.7 1", 2, 8, method=wait) for name in ("calm", "case"))
+        case.environment["MESH_MOTION_ENDPOINT"] = calm.environment["MESH_MOTION_ENDPOINT"] = server.endpoint
+        log = case.folder / "log"
+        with log.open("w") as out:
+            solver = case.start("moveDynamicMesh", log=out)
+            while "step 2, iteration 7:" not in log.read_text():
+                assert solver.poll() is None, log.read_text()[-3000:]
+                time.sleep(0.005)
+            server.stop(signal.SIGKILL)
+            while "waiting 200 s for the server" not in log.read_text():
+                assert solver.poll() is None, log.read_text()[-3000:]
+                time.sleep(0.05)
+            server.start()
+            assert solver.wait(PATIENCE) == 0, log.read_text()[-3000:]
+        output = calm.run("moveDynamicMesh")
+        assert max(steps(log.read_text())) == max(steps(output)) == (8, 18)
+        np.testing.assert_array_equal(case.points("0.8"), calm.points("0.8"))
+        assert committed(case, "0.8") == committed(calm, "0.8")
 
 
 def test_a_refused_last_iteration_ends_the_run(coupled):

@@ -1,0 +1,296 @@
+"""EnSight Gold: a case, or its geometry in text or C binary. Parts of surface elements become patches.
+
+Each part has its own nodes; nodes of two parts at one place are one node of the mesh. Binary files have coordinates of
+single precision.
+
+EnSight User Manual, chapter 9, "EnSight Gold Casefile Format"
+"""
+
+import re
+from collections import defaultdict
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_numerics.mesh.cells import CELL_TYPES
+from mesh_motion_protocol.errors import InvalidInput
+from numpy.typing import NDArray
+
+from mesh_motion_server.files.format import Format
+from mesh_motion_server.files.mesh_file import MeshFile, assemble_elements, by_name
+from mesh_motion_server.files.moved import edit
+from mesh_motion_server.files.replace import replacing
+from mesh_motion_server.files.vtk.pieces import numbering
+
+__all__ = ["ENSIGHT", "ENSIGHT_GEOMETRY"]
+
+_SHAPES = {"point": "", "bar": "line", "tria": "triangle", "quad": "quad", "tetra": "tetra", "pyramid": "pyramid",
+           "penta": "wedge", "hexa": "hexahedron"}  # fmt: skip
+_ELEMENTS = re.compile(r"(g_)?([a-z]+?)(\d*)")
+_MODEL = re.compile(rb"(?im)^(\s*model:(?:[ \t]+\d+){0,2}[ \t]+)(\"[^\"\n]+\"|[^\s\"]+)(.*)$")
+
+
+class _Text:
+    """The items of a file in text: lines, and rows of numbers."""
+
+    def __init__(self, data: bytes) -> None:
+        self.lines = data.decode("utf-8", errors="surrogateescape").splitlines(keepends=True)
+        self.place = 0
+
+    @property
+    def where(self) -> str:
+        return f"line {self.place}"
+
+    def text(self) -> str:
+        """The next line; "" after the last one."""
+        self.place += 1
+        return self.lines[self.place - 1].strip() if self.place <= len(self.lines) else ""
+
+    def numbers(self, count: int, kind: type = int) -> NDArray[np.generic]:
+        found: list[float] = []
+        while len(found) < count:
+            if self.place >= len(self.lines):
+                raise ValueError(f"the file ends where {count - len(found)} more numbers are expected")
+            found += map(kind, self.text().split())
+        if len(found) > count:
+            raise ValueError(f"{len(found)} numbers, expected {count}")
+        return np.array(found, dtype=kind)
+
+    def changed(self, places: list[tuple[int, Floats]]) -> bytes:
+        """The file with other numbers, one a line, from these lines on."""
+        for place, values in places:
+            self.lines[place : place + len(values)] = [f" {value!r}\n" for value in values.tolist()]
+        return "".join(self.lines).encode("utf-8", errors="surrogateescape")
+
+
+class _Binary:
+    """The items of a binary file: texts of 80 bytes, and numbers of 4."""
+
+    def __init__(self, data: bytes) -> None:
+        self.data, self.place, self.order = data, 80, ""
+
+    @property
+    def where(self) -> str:
+        return f"byte {self.place}"
+
+    def _take(self, size: int) -> bytes:
+        self.place += size
+        if not 0 <= size <= self.place <= len(self.data):
+            raise ValueError(f"the file ends where {size} bytes are expected")
+        return self.data[self.place - size : self.place]
+
+    def text(self) -> str:
+        """The next text; "" after the last one."""
+        if self.place >= len(self.data):
+            return ""
+        return self._take(80).split(b"\0")[0].decode("utf-8", errors="replace").strip()
+
+    def numbers(self, count: int, kind: type = int) -> NDArray[np.generic]:
+        found = self._take(4 * count)
+        if kind is int and not self.order:  # the file does not say it; its first integer is small, the number of a part
+            self.order = ">" if int.from_bytes(found, "big") < int.from_bytes(found, "little") else "<"
+        return np.frombuffer(found, f"{self.order}{'f' if kind is float else 'i'}4").astype(kind)
+
+    def changed(self, places: list[tuple[int, Floats]]) -> bytes:
+        content = bytearray(self.data)
+        for place, values in places:
+            content[place : place + 4 * len(values)] = values.astype(f"{self.order}f4").tobytes()
+        return bytes(content)
+
+
+@dataclass(eq=False)
+class _Part:
+    """Nodes (n, 3), the places of their x, y and z in the file, and elements: our type, and nodes (m, k)."""
+
+    name: str
+    points: Floats
+    places: list[int]
+    elements: list[tuple[str, Integers]] = field(default_factory=list)
+
+    @property
+    def dimension(self) -> int:
+        return max((_dimension(name) for name, nodes in self.elements if len(nodes)), default=0)
+
+
+def _dimension(name: str) -> int:
+    return CELL_TYPES[name].dimension if name in CELL_TYPES else 2 if name == "nsided" else 0
+
+
+def _parts(path: Path) -> tuple[_Text | _Binary, list[_Part]]:
+    data = path.read_bytes()
+    file = _Binary(data) if data[:8].lower() == b"c binary" else _Text(data)
+    try:
+        return file, _content(file)
+    except (ValueError, OverflowError) as error:
+        raise InvalidInput(f"{path}: malformed EnSight geometry: {file.where}: {error}") from None
+
+
+def _content(file: _Text | _Binary) -> list[_Part]:
+    head = [file.text() for _ in range(2)]
+    if head[0].upper() == "BEGIN TIME STEP":
+        file.text()
+    nodes_given, elements_given = (_given(kind, file.text()) for kind in ("node", "element"))
+    parts: list[_Part] = []
+    line = file.text()
+    if line.lower() == "extents":
+        file.numbers(6, float)
+        line = file.text()
+    while line and line.upper() != "END TIME STEP":
+        if line.lower() == "part":
+            file.numbers(1)
+            name, kind = file.text(), file.text()
+            if kind.lower() != "coordinates":
+                raise ValueError(f"{kind[:40]!r} in the part {name!r}, expected its 'coordinates'{_ways(kind)}")
+            count = int(file.numbers(1)[0])
+            if nodes_given:
+                file.numbers(count)
+            axes = [(file.place, file.numbers(count, float).astype(np.float64)) for _ in range(3)]
+            parts.append(_Part(name, np.column_stack([of for _, of in axes]), [place for place, _ in axes]))
+        elif (match := _ELEMENTS.fullmatch(line.lower())) and parts:
+            parts[-1].elements += _elements(file, match, parts[-1], elements_given)
+        else:
+            of_six = ": it is EnSight 6's, of which ParaView makes .vtu" if line.lower() == "coordinates" else ""
+            raise ValueError(f"{line[:40]!r}, expected a part or a type of elements{of_six}")
+        line = file.text()
+    return parts
+
+
+def _given(kind: str, line: str) -> bool:
+    """Whether the file has the numbers of its nodes or elements."""
+    if (found := re.fullmatch(rf"(?i){kind} id (given|ignore|off|assign)", line)) is None:
+        raise ValueError(f"{line[:40]!r}, expected '{kind} id' with one of: off, given, assign, ignore")
+    return found[1].lower() in ("given", "ignore")
+
+
+def _ways(kind: str) -> str:
+    """How to convert what is not read."""
+    found = {"block": "Merge Blocks", "nfaced": "Tetrahedralize"}.get(kind.lower().split(" ")[0])
+    return f"; ParaView's filter {found} makes cells of it that are read" if found else ""
+
+
+def _elements(file: _Text | _Binary, kind: re.Match[str], part: _Part, given: bool) -> list[tuple[str, Integers]]:
+    """The next elements of a part, polygons as one column of their nodes; none of ghosts, which another part has."""
+    ghost, name, digits = kind.groups()
+    count = int(file.numbers(1)[0])
+    if count < 0 or (name not in _SHAPES and name != "nsided"):
+        raise ValueError(f"{count} elements {kind[0]!r}; known are {', '.join(_SHAPES)}, nsided{_ways(name)}")
+    if given:
+        file.numbers(count)
+    if name == "nsided":
+        sizes = file.numbers(count).astype(np.int64)
+        found, shape = file.numbers(int(sizes.sum())).astype(np.int64)[:, None], "nsided"
+    else:
+        shape, width = _SHAPES[name], int(digits or 1)
+        if shape and width < CELL_TYPES[shape].n_nodes:
+            raise ValueError(f"elements {kind[0]!r} have too few nodes")
+        found = file.numbers(count * width).astype(np.int64).reshape(-1, width)
+    wrong = np.argwhere((found < 1) | (found > len(part.points)))
+    if len(wrong):
+        node, row = int(found[tuple(wrong[0])]), int(wrong[0, 0]) + 1
+        raise ValueError(
+            f"part {part.name!r}, {kind[0]}, row {row}: node {node}, but its nodes are 1 to {len(part.points)}"
+        )
+    return [] if ghost else [(shape, found - 1)]
+
+
+def _geometry(case: Path, content: bytes) -> tuple[Path, str]:
+    """The geometry of a case, and a note if it is the first of several."""
+    if (found := _MODEL.search(content)) is None:
+        raise InvalidInput(f"{case}: no 'model: FILE' in its section GEOMETRY")
+    name = found[2].decode("utf-8", errors="replace").strip('"')
+    pattern = re.compile(re.sub(r"(\\\*)+", r"\\d+", re.escape(Path(name).name)))
+    folder = (case.parent / name).parent
+    files = sorted(file for file in folder.glob("*") if pattern.fullmatch(file.name)) if folder.is_dir() else []
+    if not files:
+        raise InvalidInput(f"{case}: its geometry {name!r} is missing", hint="keep the files of a case together")
+    return files[0], f"{files[0].name} is read, the first of {len(files)} steps" if len(files) > 1 else ""
+
+
+def _read_case(path: Path) -> MeshFile:
+    """Read the mesh of a ``.case``; of a series its first step."""
+    geometry, note = _geometry(path, path.read_bytes())
+    mesh = _read(geometry)
+    return replace(mesh, path=path, notes=(*mesh.notes, note) if note else mesh.notes)
+
+
+def _numbered(path: Path, parts: list[_Part]) -> tuple[list[_Part], list[Integers], Floats]:
+    """The parts, those with cells first; the mesh's node for each of their nodes; and the nodes of the cells (n, 3)."""
+    dimension = max((part.dimension for part in parts), default=0)
+    parts = sorted((part for part in parts if part.elements), key=lambda part: part.dimension < dimension)
+    if not parts:
+        raise InvalidInput(f"{path}: the mesh has no cells", hint="was the mesh saved before it was generated?")
+    first = np.cumsum([0, *(len(part.points) for part in parts)])
+    points = np.concatenate([part.points for part in parts])
+    rows, kept = numbering(path, points, first) if len(parts) > 1 else (np.arange(len(points)), np.arange(len(points)))
+    solid = int(first[sum(part.dimension == dimension for part in parts)])
+    return parts, np.split(rows, first[1:-1]), points[kept[: int(rows[:solid].max()) + 1]]
+
+
+def _read(path: Path) -> MeshFile:
+    """Read a mesh from the geometry of a case.
+
+    Raises
+    ------
+    InvalidInput
+        For polyhedra and unknown elements, structured blocks that are not curvilinear, and malformed files.
+    """
+    parts, numbers, points = _numbered(path, _parts(path)[1])
+    dimension, notes = parts[0].dimension, []
+    elements: list[tuple[str, Integers]] = []
+    found: dict[str, list[tuple[int, Integers]]] = defaultdict(list)
+    for part, rows in zip(parts, numbers, strict=True):
+        for name, nodes in part.elements:
+            if _dimension(name) == dimension:
+                if name == "nsided":
+                    raise InvalidInput(
+                        f"{path}: cells of the part {part.name!r} are polygons (nsided)",
+                        hint="ParaView's filter Triangulate divides them",
+                    )
+                elements.append((name, rows[nodes]))
+            elif (outside := int((rows[nodes] >= len(points)).any(axis=1).sum())) > 0:
+                notes.append(f"the part {part.name!r} has nodes that no cell has ({outside} elements): it is no patch")
+            elif len(nodes):
+                found[part.name].append((_dimension(name), rows[nodes].ravel()))
+    patches, of_names = by_name(found)
+    mesh = assemble_elements(path, points, elements, patches)
+    return replace(mesh, notes=(*mesh.notes, *notes, *of_names))
+
+
+def _move(source: Path, target: Path, points: Floats) -> None:
+    """Write the geometry with other coordinates of the nodes."""
+    file, parts = _parts(source)
+    parts, numbers, _ = _numbered(source, parts)
+    places: list[tuple[int, Floats]] = []
+    for part, rows in zip(parts, numbers, strict=True):
+        own, moved = rows < len(points), part.points.copy()
+        moved[own, : points.shape[1]] = points[rows[own]]
+        places += zip(part.places, moved.T, strict=True)
+    edit(source, target, lambda _: file.changed(places))
+
+
+def _move_case(source: Path, target: Path, points: Floats) -> None:
+    """Write the case with the moved geometry in a file of the same name, without results."""
+    content = source.read_bytes()
+    geometry, name = _geometry(source, content)[0], f"{target.stem}.geo"
+    if (target.parent / name).resolve() == geometry.resolve() and source.resolve() != target.resolve():
+        raise InvalidInput(f"{target}: {name} would replace the geometry of {source}", hint="take another name")
+    _move(geometry, target.parent / name, points)
+    with replacing(target) as file:
+        file.write(f"FORMAT\ntype: ensight gold\n\nGEOMETRY\nmodel: {name}\n".encode())
+
+
+ENSIGHT = Format(
+    "an EnSight case",
+    (".case", ".encas"),
+    re.compile(rb"(?i)\A(\s|#.*\n)*FORMAT\s+type:\s*ensight"),
+    _read_case,
+    move=_move_case,
+)
+ENSIGHT_GEOMETRY = Format(
+    "EnSight's geometry",
+    (".geo",),
+    re.compile(rb"(?i)\A(C Binary|(BEGIN TIME STEP.*\n)?.*\n.*\n\s*node id )"),
+    _read,
+    move=_move,
+)
