@@ -7,7 +7,7 @@ import threading
 import mesh_motion_client
 import numpy as np
 import pytest
-from mesh_motion_client import InvalidInput, Server, Session, aio, connect
+from mesh_motion_client import InvalidInput, Server, Session, SessionError, Unavailable, aio, connect
 
 UP = np.array([[0.0, 0.25]] * 4)
 #: By which the client's own modules work together; what ``inner`` shows; what the end of the server's context does.
@@ -40,6 +40,29 @@ def test_a_step_with_the_same_answers(server, mesh, session):
     assert (displacement == session.move(UP).displacement).all()
     assert digest == session.commit().digest
     assert (points == session.points()).all()
+
+
+def test_wrong_ways_to_use_it_are_named(server, mesh):
+    async def run():
+        with pytest.raises(InvalidInput, match=r"aio.connect\(…\) is a context, .* \(async with aio.connect"):
+            await aio.connect(server.endpoint)
+        async with aio.connect(server.endpoint) as remote:
+            with pytest.raises(InvalidInput, match=r"server.open\(…\) is a context, .* \(async with server.open"):
+                await remote.open(mesh)
+            async with remote.open(mesh) as own:
+                with pytest.raises(AttributeError, match=r"Session has no 'moving_nodes': read inner\.moving_nodes"):
+                    _ = own.moving_nodes
+                with pytest.raises(AttributeError, match=r"Session has no 'comit'$"):
+                    await own.comit()
+            with pytest.raises(SessionError, match="the session is closed"):
+                await own.move({"left": UP})
+        with pytest.raises(Unavailable, match="the connection to the server is closed"):
+            await remote.sessions()
+        with pytest.raises(Unavailable, match="the connection to the server is closed"):
+            async with remote.open(mesh):
+                pass
+
+    asyncio.run(run())
 
 
 def test_two_sessions_wait_at_the_same_time_and_the_loop_goes_on(server, mesh):

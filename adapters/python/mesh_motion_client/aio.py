@@ -21,7 +21,10 @@ from collections.abc import AsyncIterator, Callable, Coroutine
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from functools import partial, wraps
-from typing import Any, Concatenate, Generic, Literal, ParamSpec, TypeVar
+from types import TracebackType
+from typing import Any, Concatenate, Generic, Literal, NoReturn, ParamSpec, TypeVar
+
+from mesh_motion_protocol.errors import InvalidInput
 
 from mesh_motion_client import server, session
 
@@ -29,6 +32,7 @@ __all__ = ["Server", "Session", "connect"]
 
 P = ParamSpec("P")
 R = TypeVar("R")
+Outer = TypeVar("Outer")
 Inner = TypeVar("Inner", bound=server.Server | session.Session)
 
 
@@ -42,6 +46,44 @@ class _InThread(Generic[Inner]):
     def __repr__(self) -> str:
         return repr(self.inner)
 
+    def __getattr__(self, name: str) -> NoReturn:
+        kind = type(self).__name__
+        where = f": read inner.{name}, while no call is under way" if hasattr(vars(self).get("inner"), name) else ""
+        raise AttributeError(f"the asynchronous {kind} has no {name!r}{where}", name=name, obj=self)
+
+
+class _Context(AbstractAsyncContextManager[Outer]):
+    """An asynchronous context that says how to enter it if it is awaited."""
+
+    def __init__(self, context: AbstractAsyncContextManager[Outer], call: str) -> None:
+        self._context = context
+        self._call = call
+
+    async def __aenter__(self) -> Outer:
+        return await self._context.__aenter__()
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> bool | None:
+        return await self._context.__aexit__(kind, error, trace)
+
+    def __await__(self) -> NoReturn:
+        raise InvalidInput(
+            f"{self._call}(…) is a context, which cannot be awaited", hint=f"async with {self._call}(…) as …:"
+        )
+
+
+def _submitted(
+    of: _InThread[Inner], method: Callable[Concatenate[Inner, P], R], *arguments: P.args, **named: P.kwargs
+) -> Future[R]:
+    """Call the method in the object's thread; if that has ended with its context, the object says that it is closed."""
+    try:
+        return of.thread.submit(method, of.inner, *arguments, **named)
+    except RuntimeError:
+        done: Future[R] = Future()
+        done.set_result(method(of.inner, *arguments, **named))
+        return done
+
 
 def _awaited(
     method: Callable[Concatenate[Inner, P], R],
@@ -50,8 +92,7 @@ def _awaited(
 
     @wraps(method)
     async def call(self: _InThread[Inner], /, *arguments: P.args, **named: P.kwargs) -> R:
-        called = partial(method, self.inner, *arguments, **named)
-        return await asyncio.get_running_loop().run_in_executor(self.thread, called)
+        return await asyncio.wrap_future(_submitted(self, method, *arguments, **named))
 
     return call
 
@@ -64,20 +105,22 @@ def _opened(
     ``outcome``: how a session is closed if its caller was cancelled while the session was being opened.
     """
 
-    @wraps(method)
     @asynccontextmanager
     async def open_session(self: Server, /, *arguments: P.args, **named: P.kwargs) -> AsyncIterator[Session]:
-        made = self.thread.submit(partial(method, self.inner, *arguments, **named))
+        made = _submitted(self, method, *arguments, **named)
         async with _open(made, ThreadPoolExecutor(1), lambda late: late.close(outcome)) as (inner, thread):
             yield Session(inner, thread)
 
-    return open_session
+    @wraps(method)
+    def call(self: Server, /, *arguments: P.args, **named: P.kwargs) -> AbstractAsyncContextManager[Session]:
+        return _Context(open_session(self, *arguments, **named), f"server.{method.__name__}")
+
+    return call
 
 
 def _connected(function: Callable[P, server.Server]) -> Callable[P, AbstractAsyncContextManager[Server]]:
     """Return an asynchronous context manager that calls the function and yields the server."""
 
-    @wraps(function)
     @asynccontextmanager
     async def connect_server(*arguments: P.args, **named: P.kwargs) -> AsyncIterator[Server]:
         own = ThreadPoolExecutor(1)
@@ -85,7 +128,11 @@ def _connected(function: Callable[P, server.Server]) -> Callable[P, AbstractAsyn
         async with _open(made, own, server.Server.close) as (inner, thread):
             yield Server(inner, thread)
 
-    return connect_server
+    @wraps(function)
+    def call(*arguments: P.args, **named: P.kwargs) -> AbstractAsyncContextManager[Server]:
+        return _Context(connect_server(*arguments, **named), f"aio.{function.__name__}")
+
+    return call
 
 
 @asynccontextmanager
