@@ -34,7 +34,7 @@ except ImportError as error:
         f"this needs jax, which cannot be imported: {error} (pip install 'mesh-motion-client[jax]')"
     ) from error
 
-from mesh_motion_client.motion_function import MotionFunction
+from mesh_motion_client.motion_function import MotionFunction, no_second_derivative
 from mesh_motion_client.session import Session
 
 __all__ = ["Motion"]
@@ -109,6 +109,13 @@ def _called(displacement: Any, vectors: Any, *, motion: MotionFunction, way: str
     return jax.pure_callback(partial(_host, getattr(motion, way)), result, displacement, vectors)
 
 
+def _changed(at: Any, along: Any, **kept: Any) -> Any:
+    """The derivative is linear in the vectors; by the displacement it has none."""
+    if not isinstance(along[0], ad.Zero):
+        raise no_second_derivative()
+    return _derivative_p.bind(*at, **kept), _derivative_p.bind(at[0], along[1], **kept)
+
+
 def _transposed(weights: Any, at: Any, _: Any, *, motion: Any, way: str, rows: int, back: int) -> Any:
     if isinstance(weights, ad.Zero):
         return None, weights
@@ -135,5 +142,6 @@ _derivative_p.def_abstract_eval(
     lambda displacement, vectors, *, rows, **_: jax.core.ShapedArray(_shape(vectors, rows), displacement.dtype)
 )
 mlir.register_lowering(_derivative_p, mlir.lower_fun(_called, multiple_results=False))
+ad.primitive_jvps[_derivative_p] = _changed
 ad.primitive_transposes[_derivative_p] = _transposed
 batching.primitive_batchers[_derivative_p] = _batched

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from mesh_motion_client.moved import Moved
 from mesh_motion_client.session import Session
 
-__all__ = ["MotionFunction"]
+__all__ = ["MotionFunction", "no_second_derivative"]
 
 Array = NDArray[np.float64]
 
@@ -79,3 +79,11 @@ class MotionFunction:
         moved = self.session.move(displacement)
         self._latest = np.array(displacement), moved  # a copy: optimisers change their array in place
         return moved
+
+
+def no_second_derivative() -> InvalidInput:
+    """Return the error of a framework's function that differentiates a derivative by the displacement."""
+    return InvalidInput(
+        "the motion has no second derivative: this differentiates J v or Jᵀ w by the displacement",
+        hint="differences of first derivatives give second ones",
+    )

@@ -25,7 +25,7 @@ except ImportError as error:
         f"this needs torch, which cannot be imported: {error} (pip install 'mesh-motion-client[torch]')"
     ) from error
 
-from mesh_motion_client.motion_function import Array, MotionFunction
+from mesh_motion_client.motion_function import Array, MotionFunction, no_second_derivative
 from mesh_motion_client.session import Session
 
 __all__ = ["Motion"]
@@ -114,14 +114,14 @@ class _Derivative(torch.autograd.Function):
     @staticmethod
     def backward(ctx: Any, weights: torch.Tensor) -> tuple[None, torch.Tensor, None, None]:
         if ctx.needs_input_grad[0]:
-            raise _no_second_derivative()
+            raise no_second_derivative()
         other = "cotangent" if ctx.way == "tangent" else "tangent"
         return None, _Derivative.apply(*ctx.saved_tensors, weights, ctx.motion, other), None, None
 
     @staticmethod
     def jvp(ctx: Any, along: torch.Tensor | None, vectors: torch.Tensor | None, *_: None) -> torch.Tensor:
         if along is not None or vectors is None:
-            raise _no_second_derivative()
+            raise no_second_derivative()
         return _Derivative.apply(*ctx.saved_tensors, vectors, ctx.motion, ctx.way)
 
     @staticmethod
@@ -135,13 +135,6 @@ class _Derivative(torch.autograd.Function):
         places = [displacement] * info.batch_size if at is None else displacement.unbind(at)
         given = [vectors] * info.batch_size if of is None else vectors.unbind(of)
         return torch.stack([_Derivative.apply(*pair, motion, way) for pair in zip(places, given, strict=True)]), 0
-
-
-def _no_second_derivative() -> InvalidInput:
-    return InvalidInput(
-        "the motion has no second derivative: this differentiates J v or Jᵀ w by the displacement",
-        hint="torch.func.jvp gives J v; differences of first derivatives give second ones",
-    )
 
 
 def _array(tensor: torch.Tensor) -> Array:
