@@ -173,7 +173,8 @@ class StandardMotion:
             images = () if periodic is None else periodic.generators
             mirrors = [name for name in surfaces if patches[name].role == "symmetry"]
             sliding = SlidingSurfaces.build(points, facets, surfaces, roles.sliding, images=images, mirrors=mirrors)
-            sliding = sliding if len(roles.fixed) else sliding.alone(points, periodic=periodic is not None)
+            if not len(roles.fixed) and (periodic is None or periodic.turns):  # a row of cells has no end: walls follow
+                sliding = sliding.alone(points, periodic=periodic is not None)
         spacing = 0.0 if method.reduction == "none" else boundary_spacing(points[roles.moving])
         return cls(points, roles, method, sliding, periodic, spacing, {}).with_layer(None)
 
