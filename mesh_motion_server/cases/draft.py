@@ -1,9 +1,9 @@
 """Draft a first case file: the mesh's patches, a guessed role for each, and a small motion.
 
-Roles are guesses. The name of a patch can show that it is a symmetry plane or a far boundary. Otherwise a patch inside
-the mesh, which does not reach the sides of the box around all nodes, is a moving body, and all other patches are fixed;
-if there is none, the patch that reaches farthest inside moves. One layer of cells is treated as a 2D mesh. A body that
-is joined to a fixed patch bends; others are shifted.
+Roles are guesses. The file can mark a patch as a side of a periodic pair, and the name of a patch can show that it is a
+symmetry plane or a far boundary. Otherwise a patch inside the mesh, which does not reach the sides of the box around
+all nodes, is a moving body, and all other patches are fixed; if there is none, the patch that reaches farthest inside
+moves. One layer of cells is treated as a 2D mesh. A body that is joined to a fixed patch bends; others are shifted.
 """
 
 import math
@@ -55,7 +55,11 @@ def _roles(mesh: MeshFile, sides: tuple[str, ...], layer: OneLayer | None) -> di
     points = mesh.points if layer is None else layer.project(mesh.points)
     low, high = points.min(axis=0), points.max(axis=0)
     roles = {
-        name: ("symmetry", _SIDE) if name in sides else _guess(name, points[nodes], points)
+        name: ("symmetry", _SIDE)
+        if name in sides
+        else ("periodic", "by the file")
+        if name in mesh.periodic
+        else _guess(name, points[nodes], points)
         for name, nodes in mesh.patches.items()
     }
     if all(role != "moving" for role, _ in roles.values()):

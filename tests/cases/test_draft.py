@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 from box_meshes import box_mesh
 from mesh_motion_protocol.errors import InvalidInput
+from periodic_meshes import periodic_box
 from typer.testing import CliRunner
 
 from mesh_motion_server.cases.case import Bending, read_case
+from mesh_motion_server.cases.check import check
 from mesh_motion_server.cases.draft import draft, guessed_roles
 from mesh_motion_server.cases.motion_program import BendingProgram, MotionProgram
 from mesh_motion_server.commands.app import app
@@ -34,6 +36,20 @@ def test_roles_are_guessed_by_name_and_place(example: str, roles: dict[str, str]
     case = read_case(path)
     moved = MotionProgram.of(case, case.read_mesh()).displacement(10)
     assert np.abs(moved).max() > 0
+
+
+def test_periodic_sides_that_the_file_marks_are_periodic(tmp_path: Path) -> None:
+    points, cells, patches = periodic_box("quad")
+    blocks = {f"cells_{block.type.name}": block.nodes for block in cells}
+    np.savez(tmp_path / "mesh.npz", points=points, **blocks, **{f"patch_{n}": p.nodes for n, p in patches.items()})
+    mesh = replace(read_mesh(tmp_path / "mesh.npz"), periodic=("y0", "y1"))
+    expected = {"body": "moving", "x0": "fixed", "x1": "fixed", "y0": "periodic", "y1": "periodic"}
+    assert {name: role for name, (role, _) in guessed_roles(mesh).items()} == expected
+    path = tmp_path / "case.toml"
+    path.write_text(draft(mesh, tmp_path), encoding="utf-8")
+    report = check(path)
+    assert len(report.pairs) == 1
+    assert not report.refused
 
 
 def numbers_of(value: object) -> list[float]:

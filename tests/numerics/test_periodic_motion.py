@@ -240,3 +240,18 @@ def test_a_row_is_carried_along_its_slip_walls_by_several_periods() -> None:
     model = model_of(periodic_box("quad", 10, ends="slip"), displacement="absolute", correction="none")
     found = moved(model, 0.0, 7.3)
     np.testing.assert_allclose(found.points, model.points + np.array([0.0, 7.3]), atol=1e-14)
+
+
+def test_a_body_passes_through_a_row_between_wavy_walls() -> None:
+    """Their nodes follow it through the periodic planes; if they stayed, the mesh would be sheared."""
+    points, cells, patches = periodic_box("quad", axes="x", ends="slip")
+    points[:, 1] += 0.1 * np.cos(2.0 * np.pi * points[:, 0]) * (2.0 * points[:, 1] - 1.0)
+    points[:, 0] *= 2.0
+    model = MotionModel.build(points, cells, patches, Method())
+    committed, rest = points, points[model.roles.moving]
+    least = []
+    for step in range(1, 31):
+        found = model.move(committed, rest + np.array([0.1 * step, 0.0]))
+        committed = found.points
+        least.append(found.corrected.metric.min)
+    assert min(least) > 0.5

@@ -229,6 +229,23 @@ def test_walls_without_an_end_are_never_worse_than_fixed_ones(d, power, shift, a
     assert least["slip"] >= goal - 0.05
 
 
+@pytest.mark.parametrize("shift", [(-0.2, 0.1), (-0.15, -0.15), (-0.1, 0.25)])
+def test_a_round_obstacle_is_never_worse_than_a_fixed_one(shift: tuple[float, float]) -> None:
+    """A part of the outer boundary moves, the rest is fixed. The obstacle followed: half of the quality was lost."""
+    points, cells, patches = rounded(2)
+    outer, obstacle = patches["wall"].nodes, patches["body"].nodes
+    points[obstacle] *= (0.12 / np.hypot(*points[obstacle].T))[:, None]
+    moves = points[outer, 0] > 0.1
+    least = {}
+    for role in ("slip", "fixed"):
+        roles = {"part": Patch("moving", outer[moves]), "rest": Patch("fixed", outer[~moves])}
+        model = MotionModel.build(points, cells, roles | {"obstacle": Patch(role, obstacle)}, Method())
+        places = points[model.roles.moving]
+        goal = places + (2.0 * places[:, :1] - 0.2) * np.array(shift)
+        least[role] = model.move(points, goal).corrected.metric.min
+    assert least["slip"] >= least["fixed"] - 0.02
+
+
 @pytest.mark.parametrize("d", [2, 3])
 @pytest.mark.parametrize("correction", ["smooth", "none"])
 def test_a_round_wall_turns_with_a_body_that_goes_round(d: int, correction: str) -> None:

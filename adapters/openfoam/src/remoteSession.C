@@ -78,12 +78,13 @@ void Foam::remoteSession::connect()
 
 void Foam::remoteSession::silence(void* session, const char* line)
 {
-    std::cerr << "mesh_motion: " << line << std::endl;
     const remoteSession* own = static_cast<remoteSession*>(session);
-    if (own->computing_)
+    if (!own->computing_)
     {
-        own->awaitServer();
+        std::cerr << "mesh_motion: " << line << std::endl;
+        return;
     }
+    own->awaitServer(); // for less time than the line says
 }
 
 
@@ -92,9 +93,8 @@ void Foam::remoteSession::awaitServer() const
     // a server that computes gets more time than a server that does not answer
     const scalar most =
         max(patience_, coeffs_.lookupOrDefault<scalar>("timeout", 60));
-    Info<< "remoteMeshMotion: no server answers" << nl
-        << "    waiting " << most << " s for the server at "
-        << endpoint_.c_str() << endl;
+    std::cerr << "remoteMeshMotion: no server answers; waiting " << most
+        << " s for the server at " << endpoint_ << std::endl;
     mm_context* other = newContext();
     mm_set_timeouts(other, most, most);
     mm_set_warning(other, nullptr, nullptr);

@@ -122,12 +122,12 @@ class SlidingSurfaces:
         freedom[nodes] = found.freedom()
         return replace(found, lines=wall_lines(points, pieces, freedom))
 
-    def alone(self, points: Floats, *, periodic: bool) -> SlidingSurfaces:
-        """The same surfaces in a mesh (n, d) without fixed nodes; in a periodic one the periods give the axis."""
+    def with_endless(self, points: Floats, *, periodic: bool) -> SlidingSurfaces:
+        """The same surfaces, with those of the mesh (n, d) that have no end; if it is periodic, it gives the axis."""
         sliding = np.zeros(len(points), dtype=bool)
         sliding[self.nodes] = True
         endless = endless_nodes(self.pieces, sliding)
-        if not endless.any() or not self.freedom().all():
+        if not endless.any():
             return self
         axis, ball = (None, True) if periodic else axis_of(points, self.pieces)
         return replace(self, endless=endless, axis=axis, turns=axis is not None or ball)

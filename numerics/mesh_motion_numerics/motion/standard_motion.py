@@ -18,7 +18,8 @@ With a point reduction the interpolation starts from few of the boundary nodes a
 
 When every prescribed node moves (no node is fixed), the best rigid motion is separated first and applied to all nodes
 exactly: a mesh in rigid motion is not deformed at all. Slip walls must map onto themselves, as the hub and the tip of a
-sector that turns about its axis do. A curved wall without an end, such as a circle, only follows this rigid motion.
+sector that turns about its axis do. A curved wall without an end, such as a circle, only follows this rigid
+motion; it stays if there is none.
 """
 
 from __future__ import annotations
@@ -171,7 +172,8 @@ class StandardMotion:
             images = () if periodic is None else periodic.generators
             mirrors = [name for name in surfaces if patches[name].role == "symmetry"]
             sliding = SlidingSurfaces.build(points, facets, surfaces, roles.sliding, images=images, mirrors=mirrors)
-            sliding = sliding if len(roles.fixed) else sliding.alone(points, periodic=periodic is not None)
+            if periodic is None or periodic.turns:  # a row of cells has no end: walls follow
+                sliding = sliding.with_endless(points, periodic=periodic is not None)
         spacing = 0.0 if method.reduction == "none" else boundary_spacing(points[roles.moving])
         return cls(points, roles, method, surfaces, sliding, periodic, spacing, {}).with_layer(None)
 
@@ -332,6 +334,8 @@ class StandardMotion:
 
     def fitted(self, origin: Floats, goal: Floats) -> RigidMotion | None:
         """The rigid motion closest to that of control nodes from origin to goal (c, d), without regard to the walls."""
+        if len(self.roles.fixed):
+            return None
         if self.periodic is not None:
             return self.periodic.carry(origin, goal)
         if self.sliding is None or (self.sliding.turns and self.sliding.axis is None):
