@@ -69,13 +69,6 @@ def test_a_header_that_ends_early_or_late_is_refused(whole: dict[str, object]) -
     assert refused(packed + b"\xc0") == "INVALID_ARGUMENT.HEADER"
 
 
-@pytest.mark.parametrize("frame", [b"", b"\x05", b"\xc1", b"\xa1a", b"\x91\x80", b"\x81\x05\x05", b"\x81\xc4\x01a\x05",
-                                   b"\x82\xa1a\x01\xa1a\x02", b"\x81\xa1\xff\x01", b"\xdf\xff\xff\xff\xff",
-                                   b"\x81\xa1a\xdd\xff\xff\xff\xff", b"\x81\xa1a\xdb\xff\xff\xff\xff"])  # fmt: skip
-def test_what_is_no_map_of_text_to_values_is_refused(frame: bytes) -> None:
-    assert refused(frame) == "INVALID_ARGUMENT.HEADER"
-
-
 def test_arrays_and_maps_of_every_form_of_length() -> None:
     """Maps of up to 15 items, and larger ones with 2 bytes of length or, though it is not the shortest, 4."""
     for items in (0, 1, 15, 16, CONTAINER_ITEMS):
