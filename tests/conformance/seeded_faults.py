@@ -41,15 +41,21 @@ class Fault:
     caught: tuple[str, ...]
 
 
+def listed_in(faults):
+    """Return a decorator, with the cases that must fail, which adds what seeds a fault to a list."""
+
+    def fault(*caught):
+        def register(seed):
+            faults.append(Fault(seed.__name__.replace("_", " "), seed, caught))
+            return seed
+
+        return register
+
+    return fault
+
+
 FAULTS = []
-
-
-def fault(*caught):
-    def register(seed):
-        FAULTS.append(Fault(seed.__name__.replace("_", " "), seed, caught))
-        return seed
-
-    return register
+fault = listed_in(FAULTS)
 
 
 def nothing(*_, **__):

@@ -7,17 +7,10 @@ from mesh_motion_client.courier import Courier
 from mesh_motion_protocol import codec
 from mesh_motion_protocol.errors import ProtocolError
 from mesh_motion_protocol.messages import Moved
-from seeded_faults import Fault, nothing
+from seeded_faults import listed_in, nothing
 
 WRONG_CLIENTS = []
-
-
-def fault(*caught):
-    def register(seed):
-        WRONG_CLIENTS.append(Fault(seed.__name__.replace("_", " "), seed, caught))
-        return seed
-
-    return register
+fault = listed_in(WRONG_CLIENTS)
 
 
 @fault("10.1-MOVE-repeated-by-the-caller", "11.1-connection-cut-after-MOVE-was-executed")

@@ -159,9 +159,8 @@ def corner_simplices(
     nodes, ideals, offsets, rest_angles = [], [], [], []
     all_sizes, skews = sizes_of(reference_sizes), skews_of(reference_sizes)
     for block, rows in cells.numbered:
-        corners = block.nodes[:, block.type.corner_array]  # (m, k, d + 1)
-        count = corners.shape[1]
-        nodes.append(corners.reshape(-1, corners.shape[2]).astype(np.int32, order="C"))
+        count = len(block.type.corners)
+        nodes.append(block.corner_nodes)
         itself, offset = np.full(len(block), at_rest or not block.type.is_simplex), np.zeros(len(block))
         if skews is not None and block.type.is_simplex:
             itself = skews[rows] < _FLAT_SKEW
@@ -185,12 +184,13 @@ def _ideal_maps(
     """(c, d, d) maps P of the corners (c, d + 1) of one cell type, and their obliqueness (c,) at rest.
 
     P comes from the type's ideal with determinants ``dets`` (c,), or from the reference corner where ``itself`` (c,).
-    The obliqueness is negative where the reference corner is degenerate.
+    The obliqueness is negative where the reference corner is degenerate, and of all if ``itself`` is of none.
     """
     w, d = cell_type.ideal_array, cell_type.dimension
-    ideal, oblique = np.empty((len(corners), d, d)), np.empty(len(corners))
-    least = 0.0 if cell_type.is_simplex else _DEGENERATE
-    kernels.corner_maps(np.ascontiguousarray(reference), corners, least, ideal, oblique)
+    ideal, oblique = np.empty((len(corners), d, d)), np.full(len(corners), -1.0)
+    if itself.any():
+        least = 0.0 if cell_type.is_simplex else _DEGENERATE
+        kernels.corner_maps(np.ascontiguousarray(reference), corners, least, ideal, oblique)
     other = np.flatnonzero(~itself | (oblique < 0.0))
     scale = (abs(np.linalg.det(w)) / np.abs(dets[other])) ** (1 / d)
     ideal[other] = scale[:, None, None] * np.linalg.inv(w)

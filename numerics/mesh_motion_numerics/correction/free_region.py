@@ -214,8 +214,7 @@ def free_region(
     n_free = int(np.count_nonzero(free))
     local = np.empty(len(free), dtype=np.int64)
     local[nodes] = np.arange(len(nodes))
-    part = cells.chosen(chosen)
-    table = CellTable.from_arrays({block.type.name: local[block.nodes] for block in part})
+    table = CellTable.from_arrays({block.type.name: local[block.nodes[chosen[span]]] for block, span in cells.numbered})
     sizes = reference_sizes[chosen]
     sizes = sizes.of_nodes(nodes) if isinstance(sizes, CellsAtRest) else sizes
     simplices = corner_simplices(reference[nodes], table, sizes, at_rest=at_rest, angles=at_rest)

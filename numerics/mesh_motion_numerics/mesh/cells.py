@@ -152,6 +152,13 @@ class CellBlock:
     def __len__(self) -> int:
         return len(self.nodes)
 
+    @property
+    def corner_nodes(self) -> Shorts:
+        """(c, d + 1) nodes of the corner simplices, cell by cell, contiguous; for simplices these are the cells."""
+        if self.type.is_simplex:
+            return np.ascontiguousarray(self.nodes)
+        return np.ascontiguousarray(self.nodes[:, self.type.corner_array].reshape(-1, self.type.dimension + 1))
+
 
 def _short(name: str, nodes: NDArray[np.integer]) -> Shorts:
     """Cells (m, n_nodes) of a type as 32-bit numbers."""
@@ -238,8 +245,8 @@ class CellTable:
     @cached_property
     def corner_nodes(self) -> Shorts:
         """(c, d + 1) nodes of the corner simplices, cell by cell."""
-        corners = [block.nodes[:, block.type.corner_array].reshape(-1, self.dimension + 1) for block in self]
-        return np.concatenate(corners)
+        corners = [block.corner_nodes for block in self]
+        return corners[0] if len(corners) == 1 else np.concatenate(corners)
 
     def chosen(self, marked: NDArray[np.bool_]) -> CellTable:
         """The marked (m,) cells, at least one."""
