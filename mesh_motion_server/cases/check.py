@@ -10,14 +10,16 @@ from pathlib import Path
 
 import numpy as np
 from mesh_motion_numerics.arrays import Floats
+from mesh_motion_numerics.interpolation.support_radius import reach_of
 from mesh_motion_numerics.mesh.boundary_facets import boundary_facets, boundary_nodes
 from mesh_motion_numerics.mesh.one_layer import OneLayer
 from mesh_motion_numerics.mesh.periodic_nodes import PeriodicNodes
 from mesh_motion_numerics.mesh.roles import BoundaryRoles, Patch
+from mesh_motion_numerics.method import Method
 from mesh_motion_numerics.motion.acceptance import other_unit
 from mesh_motion_numerics.motion.method_check import check_method
 from mesh_motion_numerics.motion.one_layer_motion import AS_A_PLANE
-from mesh_motion_numerics.quality.mesh_check import checked_mesh, suggest_support_radius
+from mesh_motion_numerics.quality.mesh_check import checked_mesh
 from mesh_motion_numerics.quality.metrics import cell_quality
 from mesh_motion_numerics.quality.orientation import oriented
 from mesh_motion_numerics.reduction.near_surface import boundary_spacing
@@ -165,11 +167,13 @@ def _report(path: Path, mesh: MeshFile, case: Case | None, warnings: list[str] |
         periodic = PeriodicNodes.build(mesh.points, boundary_facets(cells), patches, split)
     except InvalidInput as error:
         raise InvalidInput(f"{mesh.path}: {error.message}", code=error.code, hint=error.hint) from None
+    method = Method() if case is None else case.content.method.to_method()
     if case is not None:
-        check_method(case.content.method.to_method(), mesh.points, split)
+        check_method(method, mesh.points, split)
     quality = cell_quality(mesh.points, cells, sizes)
-    suggested = suggest_support_radius(mesh.points, split)
-    radius = case.content.method.support_radius if case is not None else None
+    radius = None if case is None else case.content.method.support_radius
+    unnamed = replace(method, support_radius=None)
+    suggested = reach_of(unnamed, mesh.points, split, periodic=periodic is not None).support_radius
     control = mesh.points[split.all]
     return CheckReport(
         path=path,

@@ -8,9 +8,22 @@ import threading
 import numpy as np
 import pytest
 from box_meshes import box_mesh
+from far_meshes import aerofoil, far_block
 from mesh_motion_client import InvalidInput, Mesh, Patch, QualityRefused, SessionError, connect
 from mesh_motion_protocol.messages import Fetch, Fetched
-from own_ranks import CORRECTED, SETTINGS, assert_same_quality, assert_same_worst, bend, on_ranks, pieces, whole
+from own_ranks import (
+    CORRECTED,
+    SETTINGS,
+    as_client,
+    assert_same_derivatives,
+    assert_same_quality,
+    assert_same_worst,
+    bend,
+    in_pieces,
+    on_ranks,
+    pieces,
+    whole,
+)
 
 from mesh_motion_server.cases.recorded import read_recorded
 from mesh_motion_server.session.inspection import inspect_session
@@ -129,6 +142,35 @@ def test_nodes_and_quality_are_those_of_a_session_with_the_whole_mesh(server, me
         for one, other in zip(found[1:4:2], expected[1:4:2], strict=True):
             assert_same_quality(one.quality, other.quality)
         np.testing.assert_array_equal(found[-1], expected[-1][nodes])
+
+
+@pytest.mark.parametrize(
+    ("make", "settings", "most"),
+    [
+        pytest.param(lambda: far_block("quad", 40), SETTINGS, 0.0, id="plain"),
+        pytest.param(lambda: far_block("quad", 40), {}, 1e-9, id="smooth"),
+        pytest.param(aerofoil, {}, 1e-9, id="aerofoil with layers"),
+    ],
+)
+def test_a_body_in_a_far_field_moves_as_in_a_session_with_the_whole_mesh(server, make, settings, most):
+    """Its mean displacement is a part of the field; derivatives, too."""
+    everything = as_client(*make())
+
+    def turn(points):
+        return (points - 0.5) @ np.array([[-0.2, 0.5], [-0.5, -0.2]])
+
+    def drive(session, part):
+        session.move(turn(part.points[session.moving_nodes]))
+        session.commit()
+        return session.points()
+
+    with connect(server.endpoint) as client, client.open(everything, settings) as session:
+        expected = drive(session, everything)
+    parts = in_pieces(everything, 2)
+    for part, points in zip(parts, on_ranks(server, parts, drive, settings), strict=True):
+        assert np.abs(points - expected[part.global_ids]).max() <= most
+    if not settings:
+        assert_same_derivatives(server, everything, 2, turn)
 
 
 def test_a_new_session_on_another_number_of_ranks_leads_to_the_same_nodes(server):

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from box_meshes import CELL_KINDS, box_mesh
 from carried_layers import with_layer
+from far_meshes import aerofoil, far_block
 from mesh_motion_numerics.correction.smooth_slope import SmoothSlope
 from mesh_motion_numerics.decomposition import nearest_rotation, nearest_rotation_slope
 from mesh_motion_numerics.interpolation import evaluation
@@ -105,6 +106,9 @@ CASES: dict[str, tuple[Callable[[], Mesh], dict[str, object]]] = {
     "nothing fixed, periodic along walls": (lambda: periodic_box("hexahedron", 5, ends="slip"), {}),
     "nothing fixed, a sector in an annulus": (lambda: sector("quad", ends="slip"), {}),
     "nothing fixed, a sector between hub and tip": (lambda: sector("hexahedron", 5, ends="slip"), {}),
+    "far field": (lambda: far_block("quad", 20), {}),
+    "far field in space, plain": (lambda: far_block("tetra", 10), PLAIN),
+    "far field in two scales": (aerofoil, PLAIN),
     "spline on a grid": (lambda: block("quad", 300), PLAIN),
     "spline on a grid in space": (lambda: block("hexahedron", 15), PLAIN),
 }

@@ -1,7 +1,7 @@
 """The source of a motion's factorizations: without a session they are made each time, in a session kept in a cache."""
 
 import hashlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Protocol, TypeVar
@@ -10,12 +10,12 @@ import mesh_motion_kernels as kernels
 import numpy as np
 
 from mesh_motion_numerics.arrays import Floats, Integers
-from mesh_motion_numerics.interpolation import evaluation
 from mesh_motion_numerics.interpolation.evaluation import NearOperators
-from mesh_motion_numerics.interpolation.interpolant import Factorization, factorize
+from mesh_motion_numerics.interpolation.interpolant import Factorization, Interpolant, factorize
 from mesh_motion_numerics.interpolation.kernels import Basis, basis_named, checked_radius
 from mesh_motion_numerics.interpolation.two_scale.factorization import TwoScalePlan
 from mesh_motion_numerics.interpolation.two_scale.interpolant import AnyInterpolant, TwoScaleInterpolant
+from mesh_motion_numerics.interpolation.two_scale.near_operator import NearOperator
 from mesh_motion_numerics.method import Method
 
 __all__ = [
@@ -27,6 +27,7 @@ __all__ = [
     "factorization_of",
     "point_digest",
     "prepared_for",
+    "prepared_levels",
     "two_scale_factorization_of",
 ]
 
@@ -128,10 +129,10 @@ def two_scale_factorization_of(
 ) -> Factorization:
     """Return the factorization in two scales of control points (c, d) for places in a box (2, d).
 
-    In a session the plan depends only on the number of control points and on the radius; so points, radius and box
-    identify the factorization.
+    In a session the plan depends only on the number of control points, the radius and the smoothing; so these, the
+    points and the box identify the factorization.
     """
-    digest = hashlib.sha256(repr(("two-scale", plan.support_radius, control_points.shape)).encode())
+    digest = hashlib.sha256(repr(("two-scale", plan.support_radius, plan.smoothing, control_points.shape)).encode())
     digest.update(np.ascontiguousarray(box).data)
     digest.update(point_digest(control_points))
     return factors.get_or_make(digest.digest(), lambda: plan.factorize(control_points, box[0], box[1]))[0]
@@ -146,12 +147,24 @@ def prepared_for(
     """
     if not isinstance(interpolant, TwoScaleInterpolant) or not interpolant.levels:
         return None
-    digest = hashlib.sha256(point_digest(points))
-    digest.update(point_digest(interpolant.levels[-1].control_points))
-    digest.update(np.ascontiguousarray(skipped).data)
-    return factors.get_or_make(
-        digest.digest(), lambda: evaluation.prepare(interpolant, points, skipped=skipped), "operators"
-    )[0]
+    return NearOperators(prepared_levels(interpolant.levels, points, factors, skipped=skipped))
+
+
+def prepared_levels(
+    levels: Sequence[Interpolant], points: Floats, factors: FactorSource, *, skipped: Integers
+) -> tuple[NearOperator, ...]:
+    """The operator of each compact level at points (n, d), except the ``skipped`` rows (r,)."""
+    places = hashlib.sha256(point_digest(points))
+    places.update(np.ascontiguousarray(skipped).data)
+
+    def prepared(level: Interpolant) -> NearOperator:
+        digest = places.copy()
+        digest.update(repr(level.support_radius).encode() + point_digest(level.control_points))
+        return factors.get_or_make(
+            digest.digest(), lambda: NearOperator.build(level, points, skipped=skipped), "operators"
+        )[0]
+
+    return tuple(map(prepared, levels))
 
 
 @dataclass(frozen=True, eq=False)

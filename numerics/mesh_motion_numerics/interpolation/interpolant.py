@@ -22,7 +22,7 @@ from mesh_motion_numerics.arrays import Floats
 from mesh_motion_numerics.interpolation.centres import CentreLayout
 from mesh_motion_numerics.interpolation.control_points import checked_control_points
 from mesh_motion_numerics.interpolation.factorizations import LinearSolver
-from mesh_motion_numerics.interpolation.factorizations.choice import choose_solver
+from mesh_motion_numerics.interpolation.factorizations.choice import choose_solver, dense_solver
 from mesh_motion_numerics.interpolation.factorizations.conditional import NullSpaceCholesky
 from mesh_motion_numerics.interpolation.kernels import DEFAULT_BASIS, Basis, basis_named, checked_radius
 from mesh_motion_numerics.interpolation.polynomial import LinearBasis, Polynomial
@@ -101,6 +101,7 @@ def factorize(
     support_radius: float | None,
     solver: str = "auto",
     spacing: Floats | None = None,
+    smoothing: float = 0.0,
 ) -> AllCentreFactorization:
     """Prepare the interpolation from control points, with the linear polynomial (thesis §2.1.2) if the basis needs it.
 
@@ -117,6 +118,9 @@ def factorize(
         (:func:`~mesh_motion_numerics.interpolation.factorizations.choice.choose_solver`).
     spacing : (nc,) array, mesh length unit, optional
         Distance of each point to the nearest other one, if it is known.
+    smoothing : float
+        λ: s minimises |s|² + Σ (s(x_j) − u_j)² / λ in the norm of the basis, which must be positive definite; for 0 it
+        interpolates. The solver is then "dense".
 
     Raises
     ------
@@ -135,7 +139,11 @@ def factorize(
     if row.needs_polynomial:
         linear = LinearBasis.around(points)
         return AllCentreFactorization(points, row, radius, layout, NullSpaceCholesky(points, row, radius, linear))
-    return AllCentreFactorization(points, row, radius, layout, choose_solver(solver, points, layout, row, radius))
+    if smoothing:
+        system: LinearSolver = dense_solver(points, row, radius, smoothing)
+    else:
+        system = choose_solver(solver, points, layout, row, radius)
+    return AllCentreFactorization(points, row, radius, layout, system)
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,7 @@ levels are solved exactly, but a motion leaves a residual to the next level.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import zip_longest
 from typing import Protocol
@@ -20,8 +20,9 @@ from mesh_motion_protocol.errors import InvalidInput
 from mesh_motion_numerics.arrays import Floats, Integers
 from mesh_motion_numerics.interpolation import evaluation
 from mesh_motion_numerics.interpolation.centres import CentreLayout
-from mesh_motion_numerics.interpolation.factor_source import FactorSource, MakeEachTime, prepared_for
+from mesh_motion_numerics.interpolation.factor_source import FactorSource, MakeEachTime, prepared_levels
 from mesh_motion_numerics.interpolation.factorizations.conditional import NullSpaceCholesky
+from mesh_motion_numerics.interpolation.far_field import FarFieldFactorization
 from mesh_motion_numerics.interpolation.interpolant import AllCentreFactorization, Factorization, Interpolant
 from mesh_motion_numerics.interpolation.periodic_interpolant import PeriodicFactorization, PeriodicLevels
 from mesh_motion_numerics.interpolation.two_scale.compact_levels import CompactSystem
@@ -69,12 +70,13 @@ def interpolation_map(
     """
     if isinstance(factorization, AllCentreFactorization):
         return _OneScale(factorization, places)
+    factors = MakeEachTime() if factors is None else factors  # an empty cache counts as false
+    left_out = np.empty(0, dtype=np.int64) if left_out is None else left_out
     if isinstance(factorization, TwoScaleFactorization):
-        return _TwoScales(
-            _Levels(factorization, MakeEachTime() if factors is None else factors),  # an empty cache counts as false
-            places,
-            np.empty(0, dtype=np.int64) if left_out is None else left_out,
-        )
+        return _TwoScales(_Levels(factorization, factors), places, left_out)
+    if isinstance(factorization, FarFieldFactorization):
+        near = interpolation_map(factorization.near, places, factors, left_out=left_out)
+        return _FarField(factorization, near, places, factors, left_out)
     if isinstance(factorization, PeriodicFactorization):
         return _Periodic(factorization, places)
     if isinstance(factorization, PeriodicLevels):
@@ -100,6 +102,9 @@ class FieldMap:
     def interpolant(self, values: Floats) -> AnyInterpolant:
         """Return the interpolant of (nc, k) values at the control points."""
         made = self.factorization
+        if isinstance(made, FarFieldFactorization):
+            mean, left = made.separated(values)
+            return made.joined(mean, FieldMap(made.near, self.factors).interpolant(left))
         if not isinstance(made, TwoScaleFactorization):
             return made.solve(values)
         coarse, weights = _Levels(made, self.factors).solve(values)
@@ -117,6 +122,8 @@ class FieldMap:
             Weights of the compact levels' coefficients.
         """
         made = self.factorization
+        if isinstance(made, FarFieldFactorization):
+            return made.separated_transposed(levels[0], FieldMap(made.near, self.factors).transpose(coarse, levels[1:]))
         if isinstance(made, AllCentreFactorization):
             if isinstance(made.system, NullSpaceCholesky):
                 return made.system.solve_bordered(*np.split(coarse, [len(made.control_points)]))
@@ -162,6 +169,33 @@ class _OneScale:
     @cached_property
     def _layout(self) -> CentreLayout:
         return CentreLayout.build(self.places, self.factorization.basis, self.factorization.support_radius)
+
+
+@dataclass(frozen=True, eq=False)
+class _FarField:
+    """The map when the mean of the moving control points' values is carried apart."""
+
+    factorization: FarFieldFactorization
+    near: InterpolationMap
+    places: Floats
+    factors: FactorSource
+    left_out: Integers
+
+    def apply(self, values: Floats) -> Floats:
+        mean, left = self.factorization.separated(values)
+        out = self.near.apply(left)
+        self._there.add(mean, out)
+        return out
+
+    def transpose(self, weights: Floats) -> Floats:
+        mean = self._there.transpose(weights, 1)
+        return self.factorization.separated_transposed(mean, self.near.transpose(weights))
+
+    @cached_property
+    def _there(self) -> NearOperator:
+        """The mean's operator at the places."""
+        alone = self.factorization.far(np.empty((1, 0)))
+        return prepared_levels((alone,), self.places, self.factors, skipped=self.left_out)[0]
 
 
 @dataclass(frozen=True, eq=False)
@@ -285,10 +319,8 @@ class _Levels:
     @cached_property
     def _systems(self) -> list[tuple[CompactSystem, NearOperator | None]]:
         """Each level with its operator at :attr:`distinct`, if a further level interpolates its residual."""
-        above = replace(self.made.weightless, levels=self.made.weightless.levels[:-1])
-        nowhere = np.empty(0, dtype=np.int64)
-        here = prepared_for(above, self.distinct, self.factors, skipped=nowhere)
-        return [*zip_longest(self.made.systems, () if here is None else here.operators)]
+        above, nowhere = self.made.weightless.levels[:-1], np.empty(0, dtype=np.int64)
+        return [*zip_longest(self.made.systems, prepared_levels(above, self.distinct, self.factors, skipped=nowhere))]
 
 
 @dataclass(frozen=True, eq=False)
@@ -326,9 +358,8 @@ class _TwoScales:
     @cached_property
     def _there(self) -> tuple[NearOperator, ...]:
         """The levels' operators at the places."""
-        levels = self.levels
-        found = prepared_for(levels.made.weightless, self.places, levels.factors, skipped=self.left_out)
-        return () if found is None else tuple(found.operators)
+        made, factors = self.levels.made, self.levels.factors
+        return prepared_levels(made.weightless.levels, self.places, factors, skipped=self.left_out)
 
 
 def _applied(operator: NearOperator, weights: Floats, n: int) -> Floats:

@@ -10,7 +10,7 @@ import numpy as np
 from mesh_motion_numerics.arrays import Floats, Integers, Marks
 from mesh_motion_numerics.correction.boundary_constraint import BoundaryConstraint
 from mesh_motion_numerics.correction.smooth_motion import SmoothMotion
-from mesh_motion_numerics.interpolation.support_radius import suggest_enrichment_radius, suggest_support_radius
+from mesh_motion_numerics.interpolation.support_radius import reach_of, suggest_enrichment_radius
 from mesh_motion_numerics.mesh.boundary_facets import boundary_facets, boundary_nodes
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.mesh.plane_rims import PlaneRims
@@ -28,7 +28,7 @@ from mesh_motion_numerics.quality.mesh_check import checked_mesh
 from mesh_motion_numerics.quality.metrics import AtRest, CellQuality, cells_at_rest
 from mesh_motion_numerics.quality.quality_summary import Judgement, lowest_of, lowest_quality, mesh_summary, summarize
 
-__all__ = ["PreparedMesh", "with_radii"]
+__all__ = ["PreparedMesh"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,12 +99,15 @@ class PreparedMesh:
         roles = BoundaryRoles.from_patches(patches)
         periodic = any(patch.role == "periodic" for patch in patches.values())
         check_method(method, points, roles, periodic=periodic)
-        method = with_radii(method, points, roles)
+        reach = reach_of(method, points, roles, periodic=periodic)
+        radius = reach.support_radius
+        enrichment_radius = method.enrichment_radius or suggest_enrichment_radius(points, roles, radius)
+        method = replace(method, support_radius=radius, enrichment_radius=enrichment_radius)
         held = np.zeros(len(points), dtype=bool)
         held[boundary_nodes(cells)] = True
         held[roles.all] = True
         facets = boundary_facets(cells)
-        motion, smooth = StandardMotion.build(points, facets, patches, method), None
+        motion, smooth = StandardMotion.build(points, facets, patches, method, reach), None
         constraint = BoundaryConstraint.build(points, facets, patches, motion.surfaces, motion.sliding, motion.periodic)
         if method.correction == "smooth":
             smooth = SmoothMotion.build(points, cells, held, constraint)
@@ -193,10 +196,3 @@ class PreparedMesh:
         if self.constraint is None or layer is None:
             return self.constraint
         return replace(self.constraint, released=self.constraint.released & ~layer.known)
-
-
-def with_radii(method: Method, points: Floats, roles: BoundaryRoles) -> Method:
-    """The method with its missing radii chosen from the mesh with nodes at ``points`` (n, d)."""
-    radius = method.support_radius or suggest_support_radius(points, roles)
-    enrichment_radius = method.enrichment_radius or suggest_enrichment_radius(points, roles, radius)
-    return replace(method, support_radius=radius, enrichment_radius=enrichment_radius)

@@ -42,9 +42,11 @@ from mesh_motion_numerics.interpolation.factor_source import (
     prepared_for,
     two_scale_factorization_of,
 )
+from mesh_motion_numerics.interpolation.far_field import FarFieldFactorization
 from mesh_motion_numerics.interpolation.interpolant import Factorization
 from mesh_motion_numerics.interpolation.kernels import basis_named
 from mesh_motion_numerics.interpolation.periodic_interpolant import periodic_factorization_of
+from mesh_motion_numerics.interpolation.support_radius import Reach
 from mesh_motion_numerics.interpolation.two_scale.factorization import TwoScalePlan, plan_for, plans_for
 from mesh_motion_numerics.interpolation.two_scale.interpolant import AnyInterpolant
 from mesh_motion_numerics.mesh.paths import RigidMotion, fit_rigid_motion, fit_screw, substeps
@@ -155,15 +157,22 @@ class StandardMotion:
     periodic: PeriodicNodes | None
     spacing: float
     plans: Mapping[bytes, TwoScalePlan]
+    reach: Reach
     layer: BoundaryLayer | None = None
 
     @classmethod
     def build(
-        cls, points: Floats, facets: Mapping[str, Integers], patches: Mapping[str, Patch], method: Method
+        cls,
+        points: Floats,
+        facets: Mapping[str, Integers],
+        patches: Mapping[str, Patch],
+        method: Method,
+        reach: Reach | None = None,
     ) -> StandardMotion:
         """Prepare the motion of a checked mesh with reference coordinates ``points`` (n, d).
 
-        ``facets``: those of the whole boundary (f, k), by type; the motion needs no cells.
+        ``facets``: those of the whole boundary (f, k), by type; the motion needs no cells. Without ``reach`` only the
+        method's support radius counts.
         """
         roles = BoundaryRoles.from_patches(patches)
         periodic = PeriodicNodes.build(points, facets, patches, roles)
@@ -175,7 +184,8 @@ class StandardMotion:
             if periodic is None or periodic.turns:  # a row of cells has no end: walls follow
                 sliding = sliding.with_endless(points, periodic=periodic is not None)
         spacing = 0.0 if method.reduction == "none" else boundary_spacing(points[roles.moving])
-        return cls(points, roles, method, surfaces, sliding, periodic, spacing, {}).with_layer(None)
+        reach = reach or Reach(method.support_radius or 0.0)
+        return cls(points, roles, method, surfaces, sliding, periodic, spacing, {}, reach).with_layer(None)
 
     def with_layer(self, layer: BoundaryLayer | None) -> StandardMotion:
         """The same motion with another boundary layer, or none, and so with other control points."""
@@ -184,7 +194,7 @@ class StandardMotion:
             return other
         followed = [nodes for nodes, wall in self.walls() if wall.freedom().any() and not wall.only_carried]
         sets = [other._controls(nodes) for nodes in (self.roles.all, *followed)]
-        return replace(other, plans=plans_for(self.reference, sets, self.roles, self.method))
+        return replace(other, plans=plans_for(self.reference, sets, self.roles, self.method, self.reach.smoothing))
 
     def walls(self) -> Iterator[tuple[Integers, SlidingSurfaces]]:
         """The sliding nodes in the order in which they are placed, and for each part the nodes (k,) that it follows.
@@ -351,14 +361,23 @@ class StandardMotion:
     def _all_factorized(
         self, points: Floats, origin: Floats, controls: Integers, factors: FactorSource
     ) -> Factorization:
-        """The factorization of all control nodes (c,), at ``origin`` (c, d) in the mesh ``points`` (n, d).
-
-        If the boundary has changed too much for the reference mesh's plan, it uses a new plan.
-        """
+        """The factorization of all control nodes (c,), at ``origin`` (c, d) in the mesh ``points`` (n, d)."""
         if self.periodic is not None:
             return periodic_factorization_of(
                 origin, self.periodic.generators, bounding_box(points), self.method, factors
             )
+        found = self._in_scales(points, origin, controls, factors)
+        if not self.reach.mean_radius:
+            return found
+        still = np.union1d(self.roles.fixed, self.roles.sliding)
+        moving = np.flatnonzero(np.isin(controls, still, invert=True))
+        return FarFieldFactorization(found, moving, self.reach.mean_radius)
+
+    def _in_scales(self, points: Floats, origin: Floats, controls: Integers, factors: FactorSource) -> Factorization:
+        """As :meth:`_all_factorized`, in one scale or two, without images.
+
+        If the boundary has changed too much for the reference mesh's plan, it uses a new plan.
+        """
         plan = self.plans.get(controls.tobytes())
         try:
             if plan is None:
@@ -367,7 +386,7 @@ class StandardMotion:
         except QualityRefused:
             if not basis_named(self.method.basis).compact:
                 raise
-        renewed = plan_for(points, controls, self.roles, self.method)
+        renewed = plan_for(points, controls, self.roles, self.method, self.reach.smoothing)
         return two_scale_factorization_of(origin, bounding_box(points), renewed, factors)
 
     def _tied(self, positions: Floats) -> Floats:

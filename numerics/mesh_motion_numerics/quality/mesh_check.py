@@ -16,7 +16,6 @@ import numpy as np
 from mesh_motion_protocol.errors import InvalidInput
 
 from mesh_motion_numerics.arrays import Floats, Integers, Marks
-from mesh_motion_numerics.interpolation.support_radius import suggest_support_radius
 from mesh_motion_numerics.mesh.boundary_facets import boundary_nodes
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.mesh.coincidence import coincident_nodes
@@ -33,7 +32,7 @@ from mesh_motion_numerics.quality.metrics import cell_quality, reference_sizes
 from mesh_motion_numerics.quality.orientation import OrientedCells, oriented
 from mesh_motion_numerics.quality.quality_summary import lowest_quality
 
-__all__ = ["CheckedMesh", "checked_cells", "checked_mesh", "nodes_in_no_cell", "suggest_support_radius"]
+__all__ = ["CheckedMesh", "checked_cells", "checked_mesh", "nodes_in_no_cell"]
 
 # A smaller skew is 0 up to rounding; cells of a boundary layer with aspect ratio 10⁶ have a skew of 10⁻⁶ and pass.
 _FLAT_SKEW = 1e-10

@@ -20,6 +20,7 @@ of a step and the enrichment's many columns, so a direct solver is preferred if 
 larger than :data:`~.memory_bound.FACTOR_BYTES` is refused.
 """
 
+import numpy as np
 from mesh_motion_protocol.errors import InvalidInput
 
 from mesh_motion_numerics.arrays import Floats
@@ -33,7 +34,7 @@ from mesh_motion_numerics.interpolation.factorizations.sparse import SparseFacto
 from mesh_motion_numerics.interpolation.kernels import Basis
 from mesh_motion_numerics.mesh.points import padded
 
-__all__ = ["choose_solver"]
+__all__ = ["choose_solver", "dense_solver"]
 
 #: Largest order for which "auto" makes a dense factor: there it costs as much as three iterative solutions.
 _DENSE_ORDER = 10_000
@@ -67,11 +68,28 @@ def choose_solver(
             )
         check_sparse(layout.n_centres, _mean_row(layout, support_radius))
         return SparseFactor(sparse_matrix(layout, basis, support_radius), layout.order)
-    check_dense(layout.n_centres)
+    return dense_solver(points, basis, support_radius)
+
+
+def dense_solver(points: Floats, basis: Basis, support_radius: float, smoothing: float = 0.0) -> PanelCholesky:
+    """The factor of a dense matrix with ``smoothing`` λ added to its diagonal.
+
+    Raises
+    ------
+    QualityRefused
+        If the matrix is singular to working precision.
+    ResourceExhausted
+        If the factor would take too much memory.
+    """
+    check_dense(len(points))
     rows = padded(points)
-    return PanelCholesky(
-        len(rows), lambda first, last: dense_block(basis, support_radius, rows[first:], rows[first:last])
-    )
+
+    def panel(first: int, last: int) -> Floats:
+        block = dense_block(basis, support_radius, rows[first:], rows[first:last])
+        np.einsum("ii->i", block[: last - first])[:] += smoothing
+        return block
+
+    return PanelCholesky(len(rows), panel)
 
 
 def _mean_row(layout: CentreLayout, support_radius: float) -> float:

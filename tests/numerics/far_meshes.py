@@ -1,0 +1,24 @@
+"""Bodies in a far field, as (points, cells, patches)."""
+
+import numpy as np
+from box_meshes import box_mesh
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.mesh.roles import Patch
+from sliding_meshes import Mesh
+
+from docs.studies.aerofoil_grids import o_grid
+
+
+def far_block(kind: str, n: int) -> Mesh:
+    """A block of side 0.2 in a box of side 3.4: the cells around it grow to four times their size."""
+    mesh = box_mesh(kind, n)
+    away = mesh.points - 0.5
+    distance = np.maximum(np.abs(away).max(axis=1, keepdims=True), 0.1)
+    points = 0.5 + away * (4.0 - 0.3 / distance)
+    return points, mesh.cells, {"body": Patch("moving", mesh.body), "outer": Patch("fixed", mesh.outer)}
+
+
+def aerofoil() -> Mesh:
+    """An aerofoil with a sharp edge in a far field of 20 chords; its nodes need two scales."""
+    grid = o_grid("sharp", around=64, layers=24, first=1e-3, far=20.0)
+    return grid.points, CellTable.from_arrays(grid.cells), grid.patches
