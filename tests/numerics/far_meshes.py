@@ -9,7 +9,7 @@ from sliding_meshes import Mesh
 from docs.studies.aerofoil_grids import o_grid
 
 
-def near_block(kind: str, n: int) -> Mesh:
+def near_block(kind: str, n: int = 5) -> Mesh:
     """A block of side 0.2 in a box of side 1."""
     mesh = box_mesh(kind, n)
     return mesh.points, mesh.cells, {"body": Patch("moving", mesh.body), "outer": Patch("fixed", mesh.outer)}
