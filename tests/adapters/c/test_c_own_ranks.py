@@ -9,6 +9,7 @@ from ctypes import byref, c_char_p, c_double, c_int, c_int64, c_size_t, c_void_p
 
 import numpy as np
 import pytest
+from far_meshes import far_block
 from layered_grids import beyond_the_wall, grid, pitched
 from mesh_motion_client import Credentials, Mesh, Patch, connect
 from own_ranks import CORRECTED, SETTINGS, as_client, bend, in_pieces, on_ranks
@@ -359,6 +360,7 @@ WALLS = {
     "periodic": lambda: periodic_box("quad", 20, shear=0.3),
     "sector": lambda: sector("quad", 20),
     "many in plane": lambda: duct("quad", 240),
+    "far field": lambda: far_block("quad", 20),
 }
 #: Of the block: no cell resists the first, some do the others.
 SMALL, LARGE = (0.01, 0.006, 0.004), (0.1, 0.2, 0.1)
