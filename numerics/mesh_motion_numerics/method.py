@@ -115,9 +115,9 @@ class Method:
         None,
         _INTERPOLATION,
         "R. Default: 2.5 times the longest side of the domain; if the domain is longer than 20 times the moving "
-        "bodies, 50 times the longest side of the bodies. If all fixed nodes are 5 such sides away, the corrections "
-        "`none` and `smooth` carry the bodies' mean displacement into the far field, and interpolate the rest with R "
-        "= 6 sides.",
+        "bodies, 50 times the longest side of the bodies. With the corrections `none` and `smooth`: in a domain "
+        "longer than 10 such sides, 6 of them; and if all fixed nodes are 5 sides away, the bodies' mean displacement "
+        "is carried further than the rest.",
         "Make it smaller for bodies in narrow channels with correction `none` or `explicit`: near the width of the "
         "gap. Optimised corrections depend little on R ([measured](beyond.md#defaults)).",
         above=0.0,

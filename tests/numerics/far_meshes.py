@@ -9,13 +9,18 @@ from sliding_meshes import Mesh
 from docs.studies.aerofoil_grids import o_grid
 
 
+def near_block(kind: str, n: int = 5) -> Mesh:
+    """A block of side 0.2 in a box of side 1."""
+    mesh = box_mesh(kind, n)
+    return mesh.points, mesh.cells, {"body": Patch("moving", mesh.body), "outer": Patch("fixed", mesh.outer)}
+
+
 def far_block(kind: str, n: int) -> Mesh:
     """A block of side 0.2 in a box of side 3.4: the cells around it grow to four times their size."""
-    mesh = box_mesh(kind, n)
-    away = mesh.points - 0.5
+    points, cells, patches = near_block(kind, n)
+    away = points - 0.5
     distance = np.maximum(np.abs(away).max(axis=1, keepdims=True), 0.1)
-    points = 0.5 + away * (4.0 - 0.3 / distance)
-    return points, mesh.cells, {"body": Patch("moving", mesh.body), "outer": Patch("fixed", mesh.outer)}
+    return 0.5 + away * (4.0 - 0.3 / distance), cells, patches
 
 
 def aerofoil() -> Mesh:

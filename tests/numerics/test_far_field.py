@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from far_meshes import aerofoil, far_block
+from far_meshes import aerofoil, far_block, near_block
 from mesh_motion_numerics.interpolation import evaluation
 from mesh_motion_numerics.interpolation.far_field import FarFieldFactorization
 from mesh_motion_numerics.interpolation.interpolant import factorize
@@ -58,7 +58,7 @@ def test_noise_of_the_boundary_moves_no_node_much_more(make):
 
 
 def test_a_body_near_a_fixed_node_and_a_named_radius_or_correction_have_one_radius():
-    points, cells, patches = far_block("quad", 20)
+    box, (points, cells, patches) = near_block("quad", 20), far_block("quad", 20)
     middle = np.abs(points[:, 1] - 0.5).max()
 
     def mean_radius(patches: dict[str, Patch], **choices: object) -> float:
@@ -67,9 +67,13 @@ def test_a_body_near_a_fixed_node_and_a_named_radius_or_correction_have_one_radi
     assert mean_radius(patches) == pytest.approx(1.6 * middle, rel=0.05)
     assert mean_radius(patches, **PLAIN) == mean_radius(patches, correction="none") == mean_radius(patches)
     assert mean_radius(patches, support_radius=3.0) == mean_radius(patches, correction="optimised") == 0.0
+    assert MotionModel.build(points, cells, patches, Method()).method.support_radius == pytest.approx(6 * 0.2)
     clamped = patches["body"].nodes[:3]
     moving = Patch("moving", np.setdiff1d(patches["body"].nodes, clamped))
-    assert mean_radius({**patches, "body": moving, "clamp": Patch("fixed", clamped)}) == 0.0
+    held = {**patches, "body": moving, "clamp": Patch("fixed", clamped)}
+    assert mean_radius(held) == 0.0
+    assert MotionModel.build(points, cells, held, Method()).method.support_radius == pytest.approx(6 * 0.2)
+    assert MotionModel.build(*box, Method()).method.support_radius == 2.5
 
 
 @pytest.mark.parametrize("smoothing", [0.0, 1e-3])

@@ -7,9 +7,9 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from box_meshes import CELL_KINDS, box_mesh
+from box_meshes import CELL_KINDS
 from carried_layers import with_layer
-from far_meshes import aerofoil, far_block
+from far_meshes import aerofoil, far_block, near_block
 from mesh_motion_numerics.correction.smooth_slope import SmoothSlope
 from mesh_motion_numerics.decomposition import nearest_rotation, nearest_rotation_slope
 from mesh_motion_numerics.interpolation import evaluation
@@ -30,14 +30,8 @@ from mesh_motion_server.session.factors import FactorCache
 PLAIN = {"correction": "none", "displacement": "absolute"}
 
 
-def block(kind: str, n: int = 5) -> Mesh:
-    """A block in a box: it moves, the box stays."""
-    mesh = box_mesh(kind, n)
-    return mesh.points, mesh.cells, {"body": Patch("moving", mesh.body), "outer": Patch("fixed", mesh.outer)}
-
-
 def all_moving(kind: str) -> Mesh:
-    points, cells, patches = block(kind)
+    points, cells, patches = near_block(kind)
     return points, cells, {name: Patch("moving", patch.nodes) for name, patch in patches.items()}
 
 
@@ -75,13 +69,13 @@ def motion_of(name: str, x: np.ndarray) -> np.ndarray:
 
 
 CASES: dict[str, tuple[Callable[[], Mesh], dict[str, object]]] = {
-    **{f"smooth {kind}": (lambda kind=kind: block(kind), {}) for kind in CELL_KINDS},
-    "plain": (lambda: block("quad"), PLAIN),
-    "polynomial": (lambda: block("tetra"), PLAIN | {"basis": "tps"}),
+    **{f"smooth {kind}": (lambda kind=kind: near_block(kind), {}) for kind in CELL_KINDS},
+    "plain": (lambda: near_block("quad"), PLAIN),
+    "polynomial": (lambda: near_block("tetra"), PLAIN | {"basis": "tps"}),
     "nothing fixed": (lambda: all_moving("quad"), {}),
     "nothing fixed in space": (lambda: all_moving("tetra"), PLAIN),
-    "layer": (lambda: block("quad", 10), {"correction": "smooth"}),
-    "layer in space": (lambda: block("tetra", 10), PLAIN),
+    "layer": (lambda: near_block("quad", 10), {"correction": "smooth"}),
+    "layer in space": (lambda: near_block("tetra", 10), PLAIN),
     "slip walls": (lambda: duct("quad"), {}),
     "slip walls in space": (lambda: duct("hexahedron", 5), {}),
     "slip walls with a layer": (lambda: duct("quad", 10), PLAIN),
@@ -109,8 +103,8 @@ CASES: dict[str, tuple[Callable[[], Mesh], dict[str, object]]] = {
     "far field": (lambda: far_block("quad", 20), {}),
     "far field in space, plain": (lambda: far_block("tetra", 10), PLAIN),
     "far field in two scales": (aerofoil, PLAIN),
-    "spline on a grid": (lambda: block("quad", 300), PLAIN),
-    "spline on a grid in space": (lambda: block("hexahedron", 15), PLAIN),
+    "spline on a grid": (lambda: near_block("quad", 300), PLAIN),
+    "spline on a grid in space": (lambda: near_block("hexahedron", 15), PLAIN),
 }
 
 
@@ -156,7 +150,7 @@ def test_it_is_that_of_differences_and_its_transpose(name: str) -> None:
 
 @pytest.mark.parametrize("choices", [{}, PLAIN])
 @pytest.mark.parametrize(
-    "make", [lambda: block("hexahedron", 15), lambda: block("quad", 10), lambda: all_moving("quad")]
+    "make", [lambda: near_block("hexahedron", 15), lambda: near_block("quad", 10), lambda: all_moving("quad")]
 )
 def test_a_step_without_correction_is_not_repeated(
     make: Callable[[], Mesh], choices: dict[str, object], monkeypatch: pytest.MonkeyPatch
@@ -173,7 +167,7 @@ def test_a_step_without_correction_is_not_repeated(
 
 
 def test_differences_approach_it_with_the_square_of_the_step() -> None:
-    points, cells, patches = block("quad + triangle", 10)
+    points, cells, patches = near_block("quad + triangle", 10)
     model, factors = MotionModel.build(points, cells, patches, Method()), FactorCache(1 << 28)
     rest = points[model.roles.moving]
     moved = model.move(points, rest + field(rest), factors).points
@@ -185,7 +179,7 @@ def test_differences_approach_it_with_the_square_of_the_step() -> None:
 
 
 def test_it_is_not_that_of_a_frozen_correction() -> None:
-    points, cells, patches = block("quad + triangle", 10)
+    points, cells, patches = near_block("quad + triangle", 10)
     model, factors = MotionModel.build(points, cells, patches, Method()), FactorCache(1 << 28)
     rest = points[model.roles.moving]
     slope = model.slope(model.move(points, rest + field(rest, 40.0), factors).points, factors)
@@ -194,7 +188,7 @@ def test_it_is_not_that_of_a_frozen_correction() -> None:
 
 
 def test_at_rest_it_is_that_of_the_plain_motion() -> None:
-    points, cells, patches = block("quad + triangle", 10)
+    points, cells, patches = near_block("quad + triangle", 10)
     model, factors = MotionModel.build(points, cells, patches, Method()), FactorCache(1 << 28)
     slope, v = model.slope(points, factors), velocity(points[model.roles.moving])
     assert (slope.tangent(v) == slope.plain.apply(v)).all()
@@ -221,7 +215,7 @@ def test_a_rigid_motion_of_everything_is_one_of_all_nodes() -> None:
     ],
 )
 def test_a_method_that_has_none_is_refused_by_its_key(choices: dict[str, object], key: str) -> None:
-    model = MotionModel.build(*block("quad"), Method(**choices))
+    model = MotionModel.build(*near_block("quad"), Method(**choices))
     refusal = model.why_no_slope()
     assert refusal is not None
     assert refusal.details == {"setting": key}
@@ -271,7 +265,7 @@ def test_where_a_node_is_at_a_corner_of_its_curved_wall_it_is_the_mean_of_both_s
 
 
 def test_a_mesh_that_another_correction_made_is_refused() -> None:
-    points, cells, patches = block("quad + triangle", 10)
+    points, cells, patches = near_block("quad + triangle", 10)
     for choices in ({}, PLAIN):
         model, factors = MotionModel.build(points, cells, patches, Method(**choices)), FactorCache(1 << 28)
         rest = points[model.roles.moving]
@@ -283,7 +277,7 @@ def test_a_mesh_that_another_correction_made_is_refused() -> None:
 
 
 def test_a_mesh_whose_other_nodes_left_the_plain_motion_is_refused() -> None:
-    points, cells, patches = block("quad + triangle", 10)
+    points, cells, patches = near_block("quad + triangle", 10)
     model, factors = MotionModel.build(points, cells, patches, Method()), FactorCache(1 << 28)
     rest = points[model.roles.moving]
     motion = model.move(points, rest + 0.05 * field(rest), factors)
@@ -307,7 +301,7 @@ def test_where_nodes_are_held_in_their_order_it_is_refused(monkeypatch: pytest.M
 
 def test_the_derivative_keeps_its_factors() -> None:
     """The second vector needs no new model of the energy."""
-    points, cells, patches = block("quad + triangle", 10)
+    points, cells, patches = near_block("quad + triangle", 10)
     model, factors = MotionModel.build(points, cells, patches, Method()), FactorCache(1 << 28)
     rest = points[model.roles.moving]
     smooth = model.slope(model.move(points, rest + field(rest), factors).points, factors).smooth

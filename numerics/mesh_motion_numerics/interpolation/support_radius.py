@@ -8,11 +8,14 @@ The rule is ``R = 2.5 min(L, 20 B)``: L the longest side of the bounding box of 
 - A far field that is hundreds of body lengths away is not included: the surroundings of the body move nearly like the
   body in either case. The weights grow as (R/h)³, and with them the rounding errors: beyond 50 B there is no gain.
 
-A body in a far field has two radii (:mod:`.far_field`): R_t = 1.6 D for its mean displacement, and R = 6 B for the
-rest, if the distance D from the middle of the moving nodes' box to the nearest fixed node is at least 5 B. Measured on
-a cylinder in a circle of 5 to 40 diameters: with one radius, nodes move up to 10.9 times as fast as a cylinder that
-turns, with two 1.8 times; if it is shifted by a diameter, the shape of the cells is the same to 0.02 for R_t from 1.4 D
-to 1.8 D, and much worse with the small radius alone.
+In a domain longer than 10 B, the default motion and interpolation alone have R = 6 B: with the radius above, some nodes
+move up to 11 times as fast as a body that turns, 1 B or 20 B from a wall, with 6 B twice as fast. The cells keep their
+shape to 0.02 near a wall and lose 0.02 to 0.05 without one, if the body turns by 30°.
+
+If all fixed nodes are far away, at a distance D of at least 5 B from the middle of the moving nodes' box, a small
+radius is bad for shifts. So the mean displacement has its own, R_t = 1.6 D (:mod:`.far_field`). If a cylinder is
+shifted by a diameter in a circle of 5 to 40 diameters, the shape of its cells is the same to 0.02 for R_t from 1.4 D to
+1.8 D as with the large radius for all.
 
 The spacing does not limit the radius: if rounding forbids one matrix, :mod:`.two_scale` uses two scales.
 
@@ -44,8 +47,8 @@ from mesh_motion_numerics.method import Method
 __all__ = ["Reach", "reach_of", "suggest_enrichment_radius", "suggest_support_radius", "widest_ball"]
 
 _DOMAIN_LENGTHS, _BODIES = 2.5, 20.0
-#: Least D in a far field, and R there, in B; R_t in D.
-_FAR, _NEAR, _MEAN = 5.0, 6.0, 1.6
+#: Least L of a large domain, least D of a far field, and R in both, in B; R_t in D.
+_LARGE, _FAR, _NEAR, _MEAN = 10.0, 5.0, 6.0, 1.6
 #: λ, and λ in a far field. Noise of the boundary reaches the nodes of a wing 8 times as large with 1e-6, 17 times
 #: without, and its cells keep their shape to 0.1 %; around aerofoils in a far field 9 and 26 times with 1e-3, 450 and
 #: 1100 times without. Prisms near a wall lose 3 % of their shape with 1e-6, half of it with 1e-5.
@@ -93,8 +96,8 @@ class Reach(NamedTuple):
 def reach_of(method: Method, points: Floats, roles: BoundaryRoles, *, periodic: bool) -> Reach:
     """Choose the reach of a method on a mesh; a support radius that the method names is kept, with one radius.
 
-    Only the default motion and interpolation alone have two radii in a far field. Only the default motion is smoothed:
-    smoothing changes the height of first cells by some percent, and there their layers are carried.
+    Only the default motion and interpolation alone have small radii in large domains. Only the default motion is
+    smoothed: smoothing changes the height of first cells by some percent, and there their layers are carried.
 
     Parameters
     ----------
@@ -111,6 +114,8 @@ def reach_of(method: Method, points: Floats, roles: BoundaryRoles, *, periodic: 
         away = float(np.linalg.norm(points[roles.fixed] - middle, axis=1).min(initial=np.inf))
         if body > 0.0 and _FAR * body <= away < np.inf:
             return Reach(float(f"{_NEAR * body:.2g}"), float(f"{_MEAN * away:.2g}"), smooth * _SMOOTH_FAR)
+        if body > 0.0 and away < np.inf and _longest_side(points) > _LARGE * body:
+            named = float(f"{_NEAR * body:.2g}")
     return Reach(suggest_support_radius(points, roles) if named is None else named, 0.0, smooth * _SMOOTH)
 
 
