@@ -1,20 +1,26 @@
 """Draft a first case file: the mesh's patches, a guessed role for each, and a small motion.
 
-Roles are guesses. The file can mark a patch as a side of a periodic pair, and the name of a patch can show that it is a
-symmetry plane or a far boundary. Otherwise a patch inside the mesh, which does not reach the sides of the box around
-all nodes, is a moving body, and all other patches are fixed; if there is none, the patch that reaches farthest inside
-moves. One layer of cells is treated as a 2D mesh. A body that is joined to a fixed patch bends; others are shifted.
+Roles are guesses. The file, or the name of a patch, can show that it is a side of a periodic pair, a symmetry plane or
+a far boundary; periodic sides without a partner are fixed, curved symmetry planes slip. Otherwise a patch inside the
+mesh, which does not reach the sides of the box around all nodes, is a moving body, and all other patches are fixed; if
+there is none, the patch that reaches farthest inside moves. One layer of cells is treated as a 2D mesh. A body that is
+joined to a fixed patch bends; others are shifted.
 """
 
 import math
 import os
+import re
+from collections.abc import Mapping
 from itertools import combinations
 from pathlib import Path
 
 import numpy as np
 from mesh_motion_numerics.arrays import Floats, Marks
+from mesh_motion_numerics.mesh.boundary_facets import boundary_facets
 from mesh_motion_numerics.mesh.one_layer import OneLayer
+from mesh_motion_numerics.mesh.periodic_pairs import periodic_pairs
 from mesh_motion_numerics.mesh.roles import Patch
+from mesh_motion_numerics.mesh.smooth_pieces import smooth_pieces
 from mesh_motion_numerics.quality.orientation import oriented
 from mesh_motion_protocol.errors import InvalidInput
 
@@ -25,7 +31,8 @@ from mesh_motion_server.files import MeshFile
 __all__ = ["draft", "guessed_roles"]
 
 
-_SYMMETRY = ("sym",)
+_SYMMETRY = ("sym", "axis")
+_PERIODIC = re.compile(r"period|cyclic|(?<![a-z])per(?![a-z])", re.IGNORECASE)
 _FAR = ("far", "inlet", "outlet", "inflow", "outflow", "outer")
 #: Share of the extent: a patch this close to a side of the box reaches the side.
 _TOUCH = 1e-3
@@ -57,16 +64,39 @@ def _roles(mesh: MeshFile, sides: tuple[str, ...], layer: OneLayer | None) -> di
     roles = {
         name: ("symmetry", _SIDE)
         if name in sides
-        else ("periodic", "by the file")
-        if name in mesh.periodic
+        else (mesh.marked[name], "by the file")
+        if name in mesh.marked
         else _guess(name, points[nodes], points)
         for name, nodes in mesh.patches.items()
     }
+    roles |= _impossible(mesh, {name: role for name, role in roles.items() if name not in sides})
     if all(role != "moving" for role, _ in roles.values()):
         fixed = [name for name, (role, _) in roles.items() if role == "fixed"] or list(roles)
         inner = {name: _inside(points[mesh.patches[name]], low, high).mean() for name in fixed}
         roles[max(fixed, key=inner.__getitem__)] = ("moving", "no patch is inside the mesh, and one must move")
     return roles
+
+
+def _impossible(mesh: MeshFile, roles: Mapping[str, tuple[str, str]]) -> dict[str, tuple[str, str]]:
+    """Other roles for periodic patches that no other one continues, and for curved symmetry planes."""
+    named = {kind: [name for name, (role, _) in roles.items() if role == kind] for kind in ("periodic", "symmetry")}
+    found: dict[str, tuple[str, str]] = {}
+    if not any(named.values()):
+        return found
+    facets = boundary_facets(oriented(mesh.points, mesh.cell_table).cells)
+    for name in named["symmetry"]:
+        if any(piece.normal is None for piece in smooth_pieces(mesh.points, facets, mesh.patches[name])):
+            found[name] = ("slip", f"a symmetry plane {roles[name][1]}, but curved")
+    left = {name: mesh.patches[name] for name in named["periodic"]}
+    while left:
+        try:
+            periodic_pairs(mesh.points, facets, left)
+            break
+        except InvalidInput as error:
+            name = str(error.details["patch"])
+            found[name] = ("fixed", f"periodic {roles[name][1]}, but no other patch is its image")
+            del left[name]
+    return found
 
 
 def _layer(mesh: MeshFile) -> tuple[tuple[str, ...], OneLayer | None]:
@@ -86,6 +116,8 @@ def _layer(mesh: MeshFile) -> tuple[tuple[str, ...], OneLayer | None]:
 
 def _guess(name: str, points: Floats, everywhere: Floats) -> tuple[str, str]:
     low, high = everywhere.min(axis=0), everywhere.max(axis=0)
+    if _PERIODIC.search(name):
+        return "periodic", "by its name"
     if any(word in name.lower() for word in _SYMMETRY):
         return "symmetry", "by its name"
     if any(word in name.lower() for word in _FAR):

@@ -38,18 +38,64 @@ def test_roles_are_guessed_by_name_and_place(example: str, roles: dict[str, str]
     assert np.abs(moved).max() > 0
 
 
-def test_periodic_sides_that_the_file_marks_are_periodic(tmp_path: Path) -> None:
+def box_with_sides(folder: Path) -> MeshFile:
+    """A box around a body; its sides x0 and x1, and y0 and y1, are images of each other."""
     points, cells, patches = periodic_box("quad")
     blocks = {f"cells_{block.type.name}": block.nodes for block in cells}
-    np.savez(tmp_path / "mesh.npz", points=points, **blocks, **{f"patch_{n}": p.nodes for n, p in patches.items()})
-    mesh = replace(read_mesh(tmp_path / "mesh.npz"), periodic=("y0", "y1"))
-    expected = {"body": "moving", "x0": "fixed", "x1": "fixed", "y0": "periodic", "y1": "periodic"}
-    assert {name: role for name, (role, _) in guessed_roles(mesh).items()} == expected
+    np.savez(folder / "mesh.npz", points=points, **blocks, **{f"patch_{n}": p.nodes for n, p in patches.items()})
+    return read_mesh(folder / "mesh.npz")
+
+
+def roles_of(mesh: MeshFile) -> dict[str, str]:
+    return {name: role for name, (role, _) in guessed_roles(mesh).items()}
+
+
+@pytest.mark.parametrize("names", [("y0", "y1"), ("PERIODIC_1", "PERIODIC_2"), ("per1", "per2"), ("a.cyclic", "b.per")])
+def test_periodic_sides_that_the_file_marks_or_names_are_periodic(tmp_path: Path, names: tuple[str, str]) -> None:
+    mesh = box_with_sides(tmp_path)
+    one, two = names
+    patches = {dict(zip(("y0", "y1"), names, strict=True)).get(n, n): nodes for n, nodes in mesh.patches.items()}
+    np.savez(tmp_path / "mesh.npz", points=mesh.points, cells_quad=mesh.cells["quad"],
+             **{f"patch_{name}": nodes for name, nodes in patches.items()})  # fmt: skip
+    marked = {"y0": "periodic", "y1": "periodic"} if one == "y0" else {}
+    mesh = replace(mesh, patches=patches, marked=marked)
+    assert roles_of(mesh) == {"body": "moving", "x0": "fixed", "x1": "fixed", one: "periodic", two: "periodic"}
     path = tmp_path / "case.toml"
     path.write_text(draft(mesh, tmp_path), encoding="utf-8")
     report = check(path)
     assert len(report.pairs) == 1
     assert not report.refused
+
+
+def test_periodic_sides_without_an_image_are_fixed(tmp_path: Path) -> None:
+    mesh = box_with_sides(tmp_path)
+    others = {"body": "moving", "x0": "fixed", "x1": "fixed"}
+    mesh = replace(mesh, marked={"y0": "periodic"})
+    assert roles_of(mesh) == others | {"y0": "fixed", "y1": "fixed"}
+    shorter = mesh.patches | {"y0": mesh.patches["y0"][1:]}
+    mesh = replace(mesh, patches=shorter, marked=dict.fromkeys(("x0", "x1", "y0", "y1"), "periodic"))
+    assert roles_of(mesh) == others | {"x0": "periodic", "x1": "periodic", "y0": "fixed", "y1": "fixed"}
+    assert guessed_roles(mesh)["y0"][1] == "periodic by the file, but no other patch is its image"
+
+
+def test_words_that_only_look_periodic_are_not(tmp_path: Path) -> None:
+    mesh = box_with_sides(tmp_path)
+    names = {"y0": "upper_1", "y1": "paper2", "x0": "perforated", "x1": "temper"}
+    mesh = replace(mesh, patches={names.get(name, name): nodes for name, nodes in mesh.patches.items()})
+    assert set(roles_of(mesh).values()) == {"moving", "fixed"}
+
+
+def test_symmetry_planes_that_the_file_marks_slip_if_they_are_curved(tmp_path: Path) -> None:
+    mesh = replace(box_with_sides(tmp_path), marked={"y0": "symmetry", "y1": "symmetry"})
+    raised = mesh.points.copy()
+    y1 = mesh.patches["y1"]
+    raised[y1, 1] += 0.03 * np.sin(np.pi * raised[y1, 0] / raised[:, 0].max())
+    mesh = replace(mesh, points=raised)
+    assert roles_of(mesh) == {"body": "moving", "x0": "fixed", "x1": "fixed", "y0": "symmetry", "y1": "slip"}
+    np.savez(tmp_path / "mesh.npz", points=raised, cells_quad=mesh.cells["quad"],
+             **{f"patch_{name}": nodes for name, nodes in mesh.patches.items()})  # fmt: skip
+    (tmp_path / "case.toml").write_text(draft(mesh, tmp_path), encoding="utf-8")
+    assert not check(tmp_path / "case.toml", seconds=5.0).refused
 
 
 def numbers_of(value: object) -> list[float]:
