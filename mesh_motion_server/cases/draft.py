@@ -57,7 +57,8 @@ def _roles(mesh: MeshFile, sides: tuple[str, ...], layer: OneLayer | None) -> di
     if not mesh.patches:
         raise InvalidInput(
             f"{mesh.path}: the mesh has no boundary patches, and a case needs one that moves",
-            hint="define groups of boundary facets in the mesh generator (Gmsh: physical groups; SU2: markers)",
+            hint="define groups of boundary facets in the mesh generator (Gmsh: physical groups; SU2: markers; "
+            "VTK: arrays patch_<name>)",
         )
     points = mesh.points if layer is None else layer.project(mesh.points)
     low, high = points.min(axis=0), points.max(axis=0)
