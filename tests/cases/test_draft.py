@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from box_meshes import box_mesh
+from frame_meshes import tensor_grid, without_unused
 from mesh_motion_protocol.errors import InvalidInput
 from periodic_meshes import periodic_box
 from typer.testing import CliRunner
@@ -217,3 +218,52 @@ def test_the_sides_of_one_layer_of_cells_are_a_symmetry(tmp_path: Path, normal: 
     moved = MotionProgram.of(case, case.read_mesh()).displacement(10)
     assert np.abs(np.delete(moved, normal, axis=1)).max() > 1e-3
     assert np.abs(moved[:, normal]).max() < 1e-12
+
+
+def half(path: Path, turn: np.ndarray, *, flap: bool = False) -> MeshFile:
+    """A turned box with half a body on its lowest side in the last direction, the patch "symmetry".
+
+    A flap stands on the lowest side in the first direction, too, and has more nodes where it is thick.
+    """
+    d = len(turn)
+    points, cells = tensor_grid(*[np.linspace(0.0, 1.0, 9)] * d)
+    centre = points[cells].mean(axis=1)
+    inside = (np.abs(centre[:, :-1] - 0.5) < 0.15).all(axis=1) & (centre[:, -1] < 0.3)
+    if flap:
+        inside = (centre[:, 0] < 0.6) & (np.abs(centre[:, 1] - 0.5) < 0.15) & (centre[:, 2] < 0.3)
+    solid = np.isin(np.arange(len(points)), cells[inside])
+    used = np.unique(cells[~inside])
+    points, rest = without_unused(points, cells[~inside])
+    body = np.flatnonzero(solid[used])
+    walls = [np.flatnonzero(points[:, k] == 0.0) for k in range(d)]
+    far = np.flatnonzero((points == 1.0).any(axis=1))
+    patches = {"body": body, "symmetry": walls[-1], "far": far} | {f"wall{k}": walls[k] for k in range(d - 1)}
+    points[:, -1] *= 1.0 + 0.2 * points[:, 0]
+    cell = {2: "quad", 3: "hexahedron"}[d]
+    np.savez(path, points=points @ turn.T, **{f"cells_{cell}": rest}, **{f"patch_{k}": v for k, v in patches.items()})
+    return read_mesh(path)
+
+
+def turn_by(degrees: float, axis: np.ndarray) -> np.ndarray:
+    """The rotation about an axis (Rodrigues)."""
+    angle, (x, y, z) = np.radians(degrees), axis / np.linalg.norm(axis)
+    across = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.eye(3) + np.sin(angle) * across + (1.0 - np.cos(angle)) * across @ across
+
+
+@pytest.mark.parametrize("degrees", [0.0, 90.0, 33.0])
+@pytest.mark.parametrize("body", ["in a plane", "in space", "flap"])
+def test_the_first_motion_stays_in_the_symmetry_planes_that_a_body_touches(
+    tmp_path: Path, degrees: float, body: str
+) -> None:
+    turn = turn_by(degrees, np.array([0.0, 0.0, 1.0]))[:2, :2]
+    if body != "in a plane":
+        turn = turn_by(degrees, np.array([1.0, -2.0, 0.5]))
+    mesh = half(tmp_path / "mesh.npz", turn, flap=body == "flap")
+    text = draft(mesh, tmp_path)
+    assert ("bending" in tomllib.loads(text)["motion"][0]) == (body == "flap")
+    path = tmp_path / "case.toml"
+    path.write_text(text, encoding="utf-8")
+    assert not check(path, seconds=5.0).refused
+    moved = MotionProgram.of(read_case(path), mesh).displacement(10)
+    assert np.abs(moved).max() > 1e-3
