@@ -17,6 +17,7 @@ from mesh_motion_numerics.motion.crossing import NoMeshExists
 from mesh_motion_numerics.motion.motion import MotionModel
 from mesh_motion_numerics.motion.prepared_mesh import PreparedMesh
 from mesh_motion_protocol.errors import QualityRefused
+from sliding_meshes import rounded
 
 NO_MESH = "no valid mesh exists: the boundary would "
 
@@ -119,6 +120,38 @@ def test_a_body_that_leaves_through_walls(
     if leaves and kind == "quad":
         with pytest.raises(QualityRefused, match=NO_MESH):
             model.move(model.points, targets)
+
+
+@pytest.mark.parametrize("d", [2, 3])
+@pytest.mark.parametrize("power", [2.0, 8.0])
+@pytest.mark.parametrize(
+    ("shift", "leaves"),
+    [((0.35, 0.0), False), ((0.0, -0.3), False), ((0.0, 0.42), True), ((0.6, 0.0), True), ((-0.9, 0.2), True)],
+)
+def test_a_body_that_leaves_through_a_curved_wall_on_which_nodes_slide(
+    d: int, power: float, shift: tuple[float, float], leaves: bool
+) -> None:
+    points, cells, patches = rounded(d, power=power)
+    model = MotionModel.build(points, cells, patches, Method())
+    targets = points[model.roles.moving] + np.array([*shift, 0.0][:d])
+    assert bool(refused(model, targets)) == leaves
+    if leaves and d == 2:
+        with pytest.raises(QualityRefused, match=NO_MESH):
+            model.move(model.points, targets)
+
+
+@pytest.mark.parametrize("x", [0.8, 0.86, 0.9])
+def test_a_body_may_enter_the_corner_beside_a_wall_that_is_bent_inwards(x: float) -> None:
+    mesh = box_mesh("quad", 10)
+    points = mesh.points.copy()
+    points[:, 0] *= 1.0 - 0.3 * points[:, 0] * np.sin(np.pi * points[:, 1])
+    wall = np.flatnonzero(mesh.points[:, 0] == 1.0)
+    patches = {"body": Patch("moving", mesh.body), "wall": Patch("slip", wall)}
+    patches["rest"] = Patch("fixed", np.setdiff1d(mesh.outer, wall))
+    model = MotionModel.build(points, mesh.cells, patches, Method())
+    targets = (mesh.points[mesh.body] - 0.5) * 0.3 + np.array([x, 0.06])
+    assert refused(model, targets) == ""
+    assert refused(model, targets + np.array([1.04 - x, 0.0])) != ""
 
 
 @pytest.mark.parametrize("role", ["fixed", "slip"])
