@@ -93,7 +93,7 @@ def inspect_step(folder: Path, step: int) -> Found:
 
 
 def _damaged(found: list[Inspection]) -> list[str]:
-    return [inspection.session for inspection in found if inspection.state == "damaged"]
+    return [Path(inspection.folder).resolve().name for inspection in found if inspection.state == "damaged"]
 
 
 def _overview(folder: Path, found: list[Inspection]) -> Table:
