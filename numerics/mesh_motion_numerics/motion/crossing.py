@@ -19,7 +19,7 @@ from mesh_motion_numerics.mesh.boundary_crossing import (
     touching_facets,
 )
 from mesh_motion_numerics.mesh.boundary_facets import boundary_facets, boundary_nodes
-from mesh_motion_numerics.mesh.boundary_orientation import overturned_place
+from mesh_motion_numerics.mesh.boundary_orientation import outer_nodes, overturned_place
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.mesh.coincidence import CoincidentSides, linked_by_cells, met_nodes
 from mesh_motion_numerics.mesh.points import spread
@@ -99,6 +99,27 @@ class PossibleCrossing:
             one, other = pair
             fault = f"pass through itself at node {one} and node {other}, which are at the same place at rest"
             raise _no_mesh(fault, refusal, {"node": one})
+
+    def refuse_overlap(self, points: Floats, targets: Floats) -> None:
+        """Refuse a mesh that would overlap itself from outside, although no cell need be inverted; errors as below.
+
+        Two arms of the domain, for example, with a solid between them. A hole that is closed inverts cells.
+        """
+        if self._outer is not None:
+            place = crossing_place(self._outer, self._moved(points, targets))
+            if place is not None:
+                near = ", ".join(f"{x:.4g}" for x in place)
+                raise _no_mesh(f"cross itself near ({near})", None)
+
+    @cached_property
+    def _outer(self) -> BoundaryFacets | None:
+        """The facets of outer parts of the boundary; None if none of them moves, or if sides touch or cross at rest."""
+        outer = outer_nodes(boundary_facets(self.cells), self.reference)
+        if not outer[self.roles.moving].any() or len(self.sides.pairs):
+            return None
+        chosen = {name: nodes[outer[nodes[:, 0]]] for name, nodes in self.facets.nodes.items()}
+        found = BoundaryFacets({name: nodes for name, nodes in chosen.items() if len(nodes)}, self.facets.moving)
+        return found if crossing_place(found, self.reference) is None else None
 
     def refuse(self, points: Floats, targets: Floats, refusal: QualityRefused | None = None) -> None:
         """Refuse the mesh ``points`` (n, d) with its moving nodes at ``targets`` (k, d) if no valid mesh exists.

@@ -156,6 +156,8 @@ class MotionModel(DifferentiableMesh):
 
     def _accept_or_lead(self, step: _Step) -> Motion:
         """Attempt the step at once; if it is refused, lead the mesh to its targets and correct it there."""
+        if not self.method.allow_invalid:
+            self.boundary.refuse_overlap(step.committed, step.targets)
         if self.smooth is not None and self.method.correction == "smooth":
             return self._smooth_or_optimised(step, self.smooth)
         try:
