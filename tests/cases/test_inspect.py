@@ -1,4 +1,5 @@
 import errno
+import io
 import os
 from pathlib import Path
 
@@ -9,6 +10,7 @@ from mesh_motion_protocol.errors import InvalidInput
 from mesh_motion_server.cases.inspect import inspect_folder, list_sessions
 from mesh_motion_server.files import read_mesh
 from mesh_motion_server.session import inspection
+from mesh_motion_server.watch.terminal.console import console
 
 
 def client_mesh(path: Path) -> Mesh:
@@ -64,6 +66,18 @@ def test_one_damaged_session_hides_no_other_and_is_named(make_case, tmp_path: Pa
         (check,) = (c for c in inspect_folder(folder).values["checks"] if not c["passed"])
         assert check["name"] == "spec"
         assert reason in check["message"]
+
+
+def test_a_long_label_shortens_no_session_id(make_case, tmp_path: Path) -> None:
+    state = tmp_path / "state"
+    with connect(state=state) as server:
+        server.open(client_mesh(make_case().parent / "mesh.npz"), label="x" * 200).close("keep")
+        listed = list_sessions(server.endpoint, 10.0)
+    [folder] = (state / "sessions").iterdir()
+    for found in (listed, inspect_folder(state)):
+        shown = console(width=80, file=io.StringIO())
+        shown.print(found.table)
+        assert folder.name in shown.file.getvalue()
 
 
 def test_what_is_no_session_among_sessions_hides_none(
