@@ -114,8 +114,10 @@ class PossibleCrossing:
     @cached_property
     def _outer(self) -> BoundaryFacets | None:
         """The facets of outer parts of the boundary; None if none of them moves, or if sides touch or cross at rest."""
+        if not self.facets.nodes or len(self.sides.pairs):
+            return None
         outer = outer_nodes(boundary_facets(self.cells), self.reference)
-        if not outer[self.roles.moving].any() or len(self.sides.pairs):
+        if not outer[self.roles.moving].any():
             return None
         chosen = {name: nodes[outer[nodes[:, 0]]] for name, nodes in self.facets.nodes.items()}
         found = BoundaryFacets({name: nodes for name, nodes in chosen.items() if len(nodes)}, self.facets.moving)
