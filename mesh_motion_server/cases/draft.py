@@ -1,10 +1,11 @@
 """Draft a first case file: the mesh's patches, a guessed role for each, and a small motion.
 
-Roles are guesses. The file, or the name of a patch, can show that it is a side of a periodic pair, a symmetry plane or
-a far boundary; periodic sides without a partner are fixed, curved symmetry planes slip. Otherwise a patch inside the
-mesh, which does not reach the sides of the box around all nodes, is a moving body, and all other patches are fixed; if
-there is none, the patch that reaches farthest inside moves. One layer of cells is treated as a 2D mesh. A body that is
-joined to a fixed patch bends; others are shifted, in the symmetry planes that they touch.
+Roles are guesses. The file, or the name of a patch, can show that it is a side of a periodic pair, a symmetry plane
+or a far boundary; periodic sides without a partner are fixed, curved symmetry planes slip. Otherwise a patch inside
+the mesh, which does not reach the sides of the box around all nodes, is a moving body, and all other patches are
+fixed; if there is none, the patch that reaches farthest inside moves, but none that ends at one of two periodic
+sides. One layer of cells is treated as a 2D mesh. A body that is joined to a fixed patch bends; others are shifted,
+in the symmetry planes that they touch.
 """
 
 import math
@@ -76,7 +77,14 @@ def _roles(mesh: MeshFile, sides: tuple[str, ...], layer: OneLayer | None) -> di
     if all(role != "moving" for role, _ in roles.values()):
         fixed = [name for name, (role, _) in roles.items() if role == "fixed"] or list(roles)
         inner = {name: _inside(points[mesh.patches[name]], low, high).mean() for name in fixed}
-        roles[max(fixed, key=inner.__getitem__)] = ("moving", "no patch is inside the mesh, and one must move")
+        sides_of_period = [mesh.patches[name] for name, (role, _) in roles.items() if role == "periodic"]
+
+        def fitness(name: str) -> tuple[bool, float]:
+            """Whether the patch ends alike at all periodic sides, where nodes and their images must move alike."""
+            ends = {len(np.intersect1d(mesh.patches[name], side)) for side in sides_of_period}
+            return len(ends) < 2, float(inner[name])
+
+        roles[max(fixed, key=fitness)] = ("moving", "no patch is inside the mesh, and one must move")
     return roles
 
 

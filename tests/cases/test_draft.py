@@ -267,3 +267,19 @@ def test_the_first_motion_stays_in_the_symmetry_planes_that_a_body_touches(
     assert not check(path, seconds=5.0).refused
     moved = MotionProgram.of(read_case(path), mesh).displacement(10)
     assert np.abs(moved).max() > 1e-3
+
+
+def test_a_patch_that_ends_at_one_periodic_side_does_not_move(tmp_path: Path) -> None:
+    """An L: its lid ends at the right side, whose image has no lid."""
+    points, cells = tensor_grid(np.linspace(0.0, 2.0, 9), np.linspace(0.0, 2.0, 9))
+    centre = points[cells].mean(axis=1)
+    points, cells = without_unused(points, cells[(centre < 1.0).any(axis=1)])
+    x, y = points.T
+    patches = {"left": (x == 0.0) & (y <= 1.0), "right": x == 2.0, "floor": y == 0.0, "top": y == 2.0}
+    patches |= {"lid": (y == 1.0) & (x >= 1.0), "step": (x == 1.0) & (y >= 1.0), "other": (x == 0.0) & (y >= 1.0)}
+    nodes = {f"patch_{name}": np.flatnonzero(on) for name, on in patches.items()}
+    np.savez(tmp_path / "mesh.npz", points=points, cells_quad=cells, **nodes)
+    mesh = replace(read_mesh(tmp_path / "mesh.npz"), marked={"left": "periodic", "right": "periodic"})
+    assert [name for name, role in roles_of(mesh).items() if role == "moving"] == ["step"]
+    (tmp_path / "case.toml").write_text(draft(mesh, tmp_path), encoding="utf-8")
+    assert not check(tmp_path / "case.toml", seconds=5.0).refused
