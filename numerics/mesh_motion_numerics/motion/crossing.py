@@ -100,7 +100,7 @@ class PossibleCrossing:
             fault = f"pass through itself at node {one} and node {other}, which are at the same place at rest"
             raise _no_mesh(fault, refusal, {"node": one})
 
-    def refuse_overlap(self, points: Floats, targets: Floats) -> None:
+    def refuse_overlap(self, points: Floats, targets: Floats, refusal: QualityRefused) -> None:
         """Refuse a mesh that would overlap itself from outside, although no cell need be inverted; errors as below.
 
         Two arms of the domain, for example, with a solid between them. A hole that is closed inverts cells.
@@ -109,7 +109,9 @@ class PossibleCrossing:
             place = crossing_place(self._outer, self._moved(points, targets))
             if place is not None:
                 near = ", ".join(f"{x:.4g}" for x in place)
-                raise _no_mesh(f"cross itself near ({near})", None)
+                certain = _no_mesh(f"cross itself near ({near})", refusal)
+                certain.looked_for = 1
+                raise certain
 
     @cached_property
     def _outer(self) -> BoundaryFacets | None:
