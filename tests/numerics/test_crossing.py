@@ -142,7 +142,7 @@ def test_a_body_that_leaves_through_a_curved_wall_on_which_nodes_slide(
 
 
 @pytest.mark.parametrize("x", [0.8, 0.86, 0.9])
-def test_a_body_may_enter_the_corner_beside_a_wall_that_is_bent_inwards(x: float) -> None:
+def test_a_body_may_enter_the_corner_next_to_a_wall_that_is_bent_inwards(x: float) -> None:
     mesh = box_mesh("quad", 10)
     points = mesh.points.copy()
     points[:, 0] *= 1.0 - 0.3 * points[:, 0] * np.sin(np.pi * points[:, 1])

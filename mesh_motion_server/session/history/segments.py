@@ -34,7 +34,7 @@ class Slow(Exception):
 def list_segments(folder: Path, kind: str) -> list[Path]:
     """The segments of a kind, oldest first; empty without a folder.
 
-    A link or a folder of such a name is none, nor is a pipe: whoever opens it would wait for ever.
+    A link or a folder of such a name is none, nor is a pipe: opening it would take for ever.
 
     Raises
     ------

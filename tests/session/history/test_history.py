@@ -388,7 +388,7 @@ def test_a_history_that_a_full_disk_ended_goes_on_when_the_session_is_resumed(
 @pytest.mark.parametrize("kind", ["events", "boundary"])
 @pytest.mark.parametrize("foreign", ["pipe", "folder", "link to a pipe", "link to nothing"])
 def test_a_segment_that_is_no_file_is_passed_over(store: SessionStore, kind: str, foreign: str, tmp_path: Path) -> None:
-    """Whoever opened a pipe would wait for ever: at RESUME, on the page, in a terminal."""
+    """Opening a pipe would take for ever: at RESUME, on the page, in a terminal."""
     driver = new(store)
     driver.advance(1)
     lost(driver)
