@@ -152,8 +152,8 @@ def _report(path: Path, mesh: MeshFile, case: Case | None, warnings: list[str] |
         warnings.append("the mesh has no patches: name its boundaries (physical groups, markers, patch_<name> arrays)")
     warnings += [
         f"patch {name!r} is one side of a period in the mesh file: give it the role periodic"
-        for name in mesh.periodic
-        if roles.get(name) != "periodic"
+        for name, role in mesh.marked.items()
+        if role == "periodic" != roles.get(name)
     ]
     try:
         if not patches:

@@ -24,7 +24,8 @@ def bodies(mesh: MeshFile, moving: Sequence[str]) -> list[list[str]]:
 def clamped_bending(
     mesh: MeshFile, body: Sequence[str], fixed: Sequence[str], share: float, normal: Floats | None = None
 ) -> Bending | None:
-    """A bending that moves the body's farthest nodes by about ``share`` of its length; None if it is not clamped.
+    """A bending that moves the body's farthest nodes by about ``share`` of its length; None if it is not clamped, or
+    lies across its plane.
 
     The bending is about the ``normal`` (3,) of a plane, if one is given; else towards the body's thinnest side. A body
     that reaches less than half its extent past its clamped nodes is taken as clamped at both ends.
@@ -36,12 +37,13 @@ def clamped_bending(
     if not len(held) or mesh.dimension == 1 or not np.ptp(points, axis=0).any():
         return None
     origin = held.mean(axis=0)
-    along = points.mean(axis=0) - origin
-    along = along / max(float(np.linalg.norm(along)), 1e-300)
+    along = _in_plane(points.mean(axis=0) - origin, normal)
     past = float(((points - origin) @ along).max() - ((held - origin) @ along).max())
     both = past < 0.5 * float(np.ptp(points, axis=0).max())
     if both:
-        along = np.linalg.svd(held - origin, full_matrices=False)[2][0]
+        along = _in_plane(np.linalg.svd(held - origin, full_matrices=False)[2][0], normal)
+    if not along.any():
+        return None
     begin, end = _ends((held - origin) @ along, (points - origin) @ along, both=both)
     slope = math.atan(math.pi * share) if both else 2 * share
     axis = None if mesh.dimension < 3 else normal if normal is not None else _axis(points - origin, along)
@@ -52,6 +54,13 @@ def clamped_bending(
         axis=None if axis is None else axis.tolist(),
         both_ends=both,
     )
+
+
+def _in_plane(along: Floats, normal: Floats | None) -> Floats:
+    """(d,) the unit vector of ``along`` in the plane with this normal; 0 if it is mostly across the plane."""
+    inside = along if normal is None else along - (along @ normal) * normal
+    length = float(np.linalg.norm(inside))
+    return inside / length if length > 0.5 * float(np.linalg.norm(along)) else np.zeros(len(along))
 
 
 def _shared(mesh: MeshFile, one: str, other: str) -> Integers:

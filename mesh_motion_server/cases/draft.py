@@ -1,20 +1,27 @@
 """Draft a first case file: the mesh's patches, a guessed role for each, and a small motion.
 
-Roles are guesses. The file can mark a patch as a side of a periodic pair, and the name of a patch can show that it is a
-symmetry plane or a far boundary. Otherwise a patch inside the mesh, which does not reach the sides of the box around
-all nodes, is a moving body, and all other patches are fixed; if there is none, the patch that reaches farthest inside
-moves. One layer of cells is treated as a 2D mesh. A body that is joined to a fixed patch bends; others are shifted.
+Roles are guesses. The file, or the name of a patch, can show that it is a side of a periodic pair, a symmetry plane
+or a far boundary; periodic sides without a partner are fixed, curved symmetry planes slip. Otherwise a patch inside
+the mesh, which does not reach the sides of the box around all nodes, is a moving body, and all other patches are
+fixed; if there is none, the patch that reaches farthest inside moves, but none that ends at one of two periodic
+sides. One layer of cells is treated as a 2D mesh. A body that is joined to a fixed patch bends; others are shifted,
+in the symmetry planes that they touch.
 """
 
 import math
 import os
+import re
+from collections.abc import Mapping, Sequence
 from itertools import combinations
 from pathlib import Path
 
 import numpy as np
-from mesh_motion_numerics.arrays import Floats, Marks
+from mesh_motion_numerics.arrays import Floats, Integers, Marks
+from mesh_motion_numerics.mesh.boundary_facets import boundary_facets
 from mesh_motion_numerics.mesh.one_layer import OneLayer
+from mesh_motion_numerics.mesh.periodic_pairs import periodic_pairs
 from mesh_motion_numerics.mesh.roles import Patch
+from mesh_motion_numerics.mesh.smooth_pieces import smooth_pieces
 from mesh_motion_numerics.quality.orientation import oriented
 from mesh_motion_protocol.errors import InvalidInput
 
@@ -25,10 +32,13 @@ from mesh_motion_server.files import MeshFile
 __all__ = ["draft", "guessed_roles"]
 
 
-_SYMMETRY = ("sym",)
+_SYMMETRY = ("sym", "axis")
+_PERIODIC = re.compile(r"period|cyclic|(?<![a-z])per(?![a-z])", re.IGNORECASE)
 _FAR = ("far", "inlet", "outlet", "inflow", "outflow", "outer")
 #: Share of the extent: a patch this close to a side of the box reaches the side.
 _TOUCH = 1e-3
+#: Unit vectors that differ by less than this are the same.
+_SAME = 1e-3
 _SIDE = "a side of one layer of cells"
 #: Size of the first motion, as a share of the extent of the moving patches.
 _SHARE = 0.05
@@ -50,23 +60,76 @@ def _roles(mesh: MeshFile, sides: tuple[str, ...], layer: OneLayer | None) -> di
     if not mesh.patches:
         raise InvalidInput(
             f"{mesh.path}: the mesh has no boundary patches, and a case needs one that moves",
-            hint="define groups of boundary facets in the mesh generator (Gmsh: physical groups; SU2: markers)",
+            hint="define groups of boundary facets in the mesh generator (Gmsh: physical groups; SU2: markers; "
+            "VTK: arrays patch_<name>)",
         )
     points = mesh.points if layer is None else layer.project(mesh.points)
     low, high = points.min(axis=0), points.max(axis=0)
     roles = {
         name: ("symmetry", _SIDE)
         if name in sides
-        else ("periodic", "by the file")
-        if name in mesh.periodic
+        else (mesh.marked[name], "by the file")
+        if name in mesh.marked
         else _guess(name, points[nodes], points)
         for name, nodes in mesh.patches.items()
     }
+    roles |= _impossible(mesh, {name: role for name, role in roles.items() if name not in sides})
     if all(role != "moving" for role, _ in roles.values()):
         fixed = [name for name, (role, _) in roles.items() if role == "fixed"] or list(roles)
         inner = {name: _inside(points[mesh.patches[name]], low, high).mean() for name in fixed}
-        roles[max(fixed, key=inner.__getitem__)] = ("moving", "no patch is inside the mesh, and one must move")
+        sides_of_period = [mesh.patches[name] for name, (role, _) in roles.items() if role == "periodic"]
+
+        def fitness(name: str) -> tuple[bool, float]:
+            """Whether the patch ends alike at all periodic sides, where nodes and their images must move alike."""
+            ends = {len(np.intersect1d(mesh.patches[name], side)) for side in sides_of_period}
+            return len(ends) < 2, float(inner[name])
+
+        roles[max(fixed, key=fitness)] = ("moving", "no patch is inside the mesh, and one must move")
     return roles
+
+
+def _impossible(mesh: MeshFile, roles: Mapping[str, tuple[str, str]]) -> dict[str, tuple[str, str]]:
+    """Other roles for periodic patches that no other one continues, and for curved symmetry planes."""
+    named = {kind: [name for name, (role, _) in roles.items() if role == kind] for kind in ("periodic", "symmetry")}
+    found: dict[str, tuple[str, str]] = {}
+    if not any(named.values()):
+        return found
+    facets = boundary_facets(oriented(mesh.points, mesh.cell_table).cells)
+    for name in named["symmetry"]:
+        if any(piece.normal is None for piece in smooth_pieces(mesh.points, facets, mesh.patches[name])):
+            found[name] = ("slip", f"a symmetry plane {roles[name][1]}, but curved")
+    left = {name: mesh.patches[name] for name in named["periodic"]}
+    while left:
+        try:
+            periodic_pairs(mesh.points, facets, left)
+            break
+        except InvalidInput as error:
+            name = str(error.details["patch"])
+            found[name] = ("fixed", f"periodic {roles[name][1]}, but no other patch is its image")
+            del left[name]
+    return found
+
+
+def _planes(mesh: MeshFile, names: Sequence[str], body: Integers) -> Floats:
+    """(k, d) different normals of the symmetry planes that a body with these nodes touches, and may not leave."""
+    facets = boundary_facets(oriented(mesh.points, mesh.cell_table).cells) if names else {}
+    pieces = [piece for name in names for piece in smooth_pieces(mesh.points, facets, mesh.patches[name])]
+    touched = [p.normal for p in pieces if p.normal is not None and np.isin(p.nodes, body).any()]
+    found: list[Floats] = []
+    for normal in touched:
+        if all(abs(float(normal @ other)) < 1.0 - _SAME for other in found):
+            found.append(normal)
+    return np.array(found).reshape(-1, mesh.dimension)
+
+
+def _direction(axes: Floats, planes: Floats) -> Floats:
+    """(d,) the first of the ``axes`` (k, d) that lies in planes with the normals (p, d), or its nearest one in them."""
+    _, sizes, across = np.linalg.svd(planes)
+    free = across[np.count_nonzero(sizes > _SAME) :]
+    along = axes @ free.T @ free
+    lengths = np.linalg.norm(along, axis=1)
+    best = int(np.argmax(lengths > 0.5 * lengths.max()))
+    return np.asarray(along[best] / lengths[best] if lengths[best] > _SAME else axes[0])
 
 
 def _layer(mesh: MeshFile) -> tuple[tuple[str, ...], OneLayer | None]:
@@ -86,6 +149,8 @@ def _layer(mesh: MeshFile) -> tuple[tuple[str, ...], OneLayer | None]:
 
 def _guess(name: str, points: Floats, everywhere: Floats) -> tuple[str, str]:
     low, high = everywhere.min(axis=0), everywhere.max(axis=0)
+    if _PERIODIC.search(name):
+        return "periodic", "by its name"
     if any(word in name.lower() for word in _SYMMETRY):
         return "symmetry", "by its name"
     if any(word in name.lower() for word in _FAR):
@@ -116,15 +181,23 @@ def draft(mesh: MeshFile, folder: Path, zone: str = "") -> str:
         for name, (role, reason) in roles.items()
     )
     moving = [name for name, (role, _) in roles.items() if role == "moving"]
-    body = mesh.points[np.unique(np.concatenate([mesh.patches[name] for name in moving]))]
+    nodes = np.unique(np.concatenate([mesh.patches[name] for name in moving]))
+    body = mesh.points[nodes]
     centre = (body.min(axis=0) + body.max(axis=0)) / 2
-    direction = np.eye(mesh.dimension)[min(1, mesh.dimension - 1)] if layer is None else layer.axes[1]
+    axes = np.roll(np.eye(mesh.dimension), -1, axis=0) if layer is None else layer.axes[::-1]
+    planes = _planes(
+        mesh, [name for name, (role, _) in roles.items() if role == "symmetry" and name not in sides], nodes
+    )
+    direction = _direction(axes, planes)
     normal = None if layer is None else np.cross(*layer.axes)
+    if normal is None and len(planes) == 1 and mesh.dimension == 3:
+        normal = planes[0]
     extent = float(np.ptp(mesh.points, axis=0).max())
     length = _SHARE * (float(np.ptp(body, axis=0).max()) or extent)
     axis = np.eye(3)[2] if normal is None else normal
     about = f"centre = {_vector(centre)}" + (f", axis = {_vector(axis)}" if mesh.dimension == 3 else "")
-    rigid = f"rigid = {{ translation = {_vector(length * direction)}, rotation = 0.0, {about} }}"
+    shift = _vector(length * direction, 11 if len(planes) else 4)
+    rigid = f"rigid = {{ translation = {shift}, rotation = 0.0, {about} }}"
     fixed = [name for name, (role, _) in roles.items() if role == "fixed"]
     motions = "\n".join(
         f"[[motion]]\npatch = {toml_text(name)}\n{rigid if bent is None else _bending(bent, extent)}\n"
@@ -167,10 +240,10 @@ def _bending(motion: Bending, extent: float) -> str:
     return f"bending = {{ {text} }}"
 
 
-def _vector(values: Floats) -> str:
-    return "[" + ", ".join(map(_number, values)) + "]"
+def _vector(values: Floats, digits: int = 4) -> str:
+    return "[" + ", ".join(_number(value, digits) for value in values) + "]"
 
 
-def _number(value: float) -> str:
-    """The number with four digits, enough for a draft."""
-    return repr(float(f"{value:.4g}") + 0.0)  # no -0.0
+def _number(value: float, digits: int = 4) -> str:
+    """The number with four digits, enough for a draft, or more."""
+    return repr(float(f"{value:.{digits}g}") + 0.0)  # no -0.0

@@ -48,7 +48,7 @@ def list_sessions(endpoint: str, timeout: float, keys: Keys | None = None) -> Fo
         sessions, name = server.sessions(), server.welcome.server
     columns = ["session", "label", "state", "step", "partitions", "worker"]
     columns += ["owner"] if any("owner" in session for session in sessions) else []
-    table = Table(*columns, title=f"{name} at {endpoint}: {len(sessions)} sessions", box=None)
+    table = _table_of_sessions(f"{name} at {endpoint}", len(sessions), *columns)
     for session in sessions:
         table.add_row(*(str(session.get(column, "")) for column in columns))
     return Found({"server": name, "endpoint": endpoint, "sessions": sessions}, table, [])
@@ -93,15 +93,21 @@ def inspect_step(folder: Path, step: int) -> Found:
 
 
 def _damaged(found: list[Inspection]) -> list[str]:
-    return [inspection.session for inspection in found if inspection.state == "damaged"]
+    return [Path(inspection.folder).resolve().name for inspection in found if inspection.state == "damaged"]
 
 
 def _overview(folder: Path, found: list[Inspection]) -> Table:
     """One row per session."""
-    title = f"{folder}: {len(found)} sessions"
-    table = Table("session", "label", "judged", "step", "nodes", "partitions", title=title, box=None)
+    table = _table_of_sessions(str(folder), len(found), "session", "label", "judged", "step", "nodes", "partitions")
     for i in found:
         table.add_row(i.session, i.label, i.state, str(i.step), str(i.nodes), str(i.partitions))
+    return table
+
+
+def _table_of_sessions(where: str, count: int, *columns: str) -> Table:
+    """An empty table, in which a long label shortens no session's id, which other commands need."""
+    table = Table(*columns, title=f"{where}: {count} sessions", box=None)
+    table.columns[0].min_width = 32
     return table
 
 

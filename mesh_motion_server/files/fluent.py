@@ -27,7 +27,8 @@ from mesh_motion_server.files.polyhedra.polygons import polygons
 
 __all__ = ["FLUENT", "FLUENT_HDF5"]
 
-_INTERIOR, _PERIODIC = 2, (8, 12)
+_INTERIOR = 2
+_ROLES = {7: "symmetry", 37: "symmetry", 8: "periodic", 12: "periodic"}
 _KINDS = {3: "wall", 4: "pressure-inlet", 5: "pressure-outlet", 7: "symmetry", 8: "periodic-shadow",
           9: "pressure-far-field", 10: "velocity-inlet", 12: "periodic", 14: "fan", 20: "mass-flow-inlet",
           24: "interface", 31: "parent", 36: "outflow", 37: "axis"}  # fmt: skip
@@ -282,8 +283,8 @@ def _mesh(path: Path, content: _Content) -> MeshFile:
     kinds = {zone.number: zone.kind for zone in content.zones}
     names = {number: content.names.get(number, f"{_KINDS.get(kinds[number], 'zone')}-{number}") for number in of_zone}
     patches = {names[number]: facets(faces) for number, faces in of_zone.items() if len(faces)}
-    periodic = tuple(names[number] for number in of_zone if kinds[number] in _PERIODIC)
-    return replace(assemble(path, points, simple, patches), periodic=periodic)
+    marked = {names[number]: _ROLES[kinds[number]] for number in of_zone if kinds[number] in _ROLES}
+    return replace(assemble(path, points, simple, patches), marked=marked)
 
 
 _Facets = Callable[[Integers], Integers]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TypeVar
 
@@ -47,8 +47,8 @@ class MeshFile:
         Node ids of each patch, ascending, each once.
     path : Path
         The file that it was read from.
-    periodic : tuple of str
-        Patches that the file marks as one side of a periodic pair.
+    marked : dict of str to str
+        The role of each patch that the file marks: one side of a periodic pair, or a symmetry plane or axis.
     zone : str
         The zone of the file; "" in formats without zones.
     notes : tuple of str
@@ -61,7 +61,7 @@ class MeshFile:
     cells: dict[str, Integers]
     patches: dict[str, Integers]
     path: Path
-    periodic: tuple[str, ...] = ()
+    marked: Mapping[str, str] = field(default_factory=dict)
     zone: str = ""
     notes: tuple[str, ...] = ()
     global_ids: Integers | None = None

@@ -110,8 +110,13 @@ def inspect_session(folder: Path | str) -> Inspection:
 
 
 def is_session_folder(folder: Path) -> bool:
-    """Whether a folder has one of a session's files."""
-    return any(not is_missing(folder / name) for name in (SPEC, MANIFEST, NEXT_MANIFEST, *SLOTS, UNBUILT))
+    """Whether a folder has one of a session's files, or cannot be read: then the inspection says why."""
+    try:
+        return any(not is_missing(folder / name) for name in (SPEC, MANIFEST, NEXT_MANIFEST, *SLOTS, UNBUILT))
+    except NotADirectoryError:
+        return False
+    except OSError:
+        return True
 
 
 def _stored_step(found: Findings) -> int:

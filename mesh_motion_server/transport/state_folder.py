@@ -68,14 +68,14 @@ class StateFolder:
         try:
             lock = os.open(self._root / _LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600)
         except OSError as error:
-            raise _refused(self._root, error) from error
+            raise _refused(self._root, error, f"its file {_LOCK}: ") from error
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as error:
             os.close(lock)
             if isinstance(error, BlockingIOError):
                 raise _held(self._root, _holder(self._root / _LOCK)) from None
-            raise _refused(self._root, error) from error
+            raise _refused(self._root, error, f"its file {_LOCK}: ") from error
         return lock
 
     def name_holder(self, endpoint: str) -> None:
@@ -91,7 +91,7 @@ class StateFolder:
             os.pwrite(self._lock, text, 0)
             os.ftruncate(self._lock, len(text))
         except OSError as error:
-            raise _refused(self._root, error) from error
+            raise _refused(self._root, error, f"its file {_LOCK}: ") from error
 
     def release(self) -> None:
         """Let another server hold the folder."""
@@ -154,11 +154,11 @@ def _held(root: Path, holder: str) -> ResourceExhausted:
     )
 
 
-def _refused(root: Path, error: OSError) -> MeshMotionError:
+def _refused(root: Path, error: OSError, what: str = "") -> MeshMotionError:
     taken = isinstance(error, FileExistsError)
     reason = "it is a file, or a link without a target" if taken else error.strerror or error
     return ResourceExhausted(
-        f"the state folder {root} cannot be used: {reason}",
+        f"the state folder {root} cannot be used: {what}{reason}",
         code="RESOURCE_EXHAUSTED.DISK",
         hint="check the disk and the rights of the folder, or give another --state",
     )

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from box_meshes import box_mesh
+from frame_meshes import tensor_grid, without_unused
 from mesh_motion_protocol.errors import InvalidInput
 from periodic_meshes import periodic_box
 from typer.testing import CliRunner
@@ -38,18 +39,64 @@ def test_roles_are_guessed_by_name_and_place(example: str, roles: dict[str, str]
     assert np.abs(moved).max() > 0
 
 
-def test_periodic_sides_that_the_file_marks_are_periodic(tmp_path: Path) -> None:
+def box_with_sides(folder: Path) -> MeshFile:
+    """A box around a body; its sides x0 and x1, and y0 and y1, are images of each other."""
     points, cells, patches = periodic_box("quad")
     blocks = {f"cells_{block.type.name}": block.nodes for block in cells}
-    np.savez(tmp_path / "mesh.npz", points=points, **blocks, **{f"patch_{n}": p.nodes for n, p in patches.items()})
-    mesh = replace(read_mesh(tmp_path / "mesh.npz"), periodic=("y0", "y1"))
-    expected = {"body": "moving", "x0": "fixed", "x1": "fixed", "y0": "periodic", "y1": "periodic"}
-    assert {name: role for name, (role, _) in guessed_roles(mesh).items()} == expected
+    np.savez(folder / "mesh.npz", points=points, **blocks, **{f"patch_{n}": p.nodes for n, p in patches.items()})
+    return read_mesh(folder / "mesh.npz")
+
+
+def roles_of(mesh: MeshFile) -> dict[str, str]:
+    return {name: role for name, (role, _) in guessed_roles(mesh).items()}
+
+
+@pytest.mark.parametrize("names", [("y0", "y1"), ("PERIODIC_1", "PERIODIC_2"), ("per1", "per2"), ("a.cyclic", "b.per")])
+def test_periodic_sides_that_the_file_marks_or_names_are_periodic(tmp_path: Path, names: tuple[str, str]) -> None:
+    mesh = box_with_sides(tmp_path)
+    one, two = names
+    patches = {dict(zip(("y0", "y1"), names, strict=True)).get(n, n): nodes for n, nodes in mesh.patches.items()}
+    np.savez(tmp_path / "mesh.npz", points=mesh.points, cells_quad=mesh.cells["quad"],
+             **{f"patch_{name}": nodes for name, nodes in patches.items()})  # fmt: skip
+    marked = {"y0": "periodic", "y1": "periodic"} if one == "y0" else {}
+    mesh = replace(mesh, patches=patches, marked=marked)
+    assert roles_of(mesh) == {"body": "moving", "x0": "fixed", "x1": "fixed", one: "periodic", two: "periodic"}
     path = tmp_path / "case.toml"
     path.write_text(draft(mesh, tmp_path), encoding="utf-8")
     report = check(path)
     assert len(report.pairs) == 1
     assert not report.refused
+
+
+def test_periodic_sides_without_an_image_are_fixed(tmp_path: Path) -> None:
+    mesh = box_with_sides(tmp_path)
+    others = {"body": "moving", "x0": "fixed", "x1": "fixed"}
+    mesh = replace(mesh, marked={"y0": "periodic"})
+    assert roles_of(mesh) == others | {"y0": "fixed", "y1": "fixed"}
+    shorter = mesh.patches | {"y0": mesh.patches["y0"][1:]}
+    mesh = replace(mesh, patches=shorter, marked=dict.fromkeys(("x0", "x1", "y0", "y1"), "periodic"))
+    assert roles_of(mesh) == others | {"x0": "periodic", "x1": "periodic", "y0": "fixed", "y1": "fixed"}
+    assert guessed_roles(mesh)["y0"][1] == "periodic by the file, but no other patch is its image"
+
+
+def test_words_that_only_look_periodic_are_not(tmp_path: Path) -> None:
+    mesh = box_with_sides(tmp_path)
+    names = {"y0": "upper_1", "y1": "paper2", "x0": "perforated", "x1": "temper"}
+    mesh = replace(mesh, patches={names.get(name, name): nodes for name, nodes in mesh.patches.items()})
+    assert set(roles_of(mesh).values()) == {"moving", "fixed"}
+
+
+def test_symmetry_planes_that_the_file_marks_slip_if_they_are_curved(tmp_path: Path) -> None:
+    mesh = replace(box_with_sides(tmp_path), marked={"y0": "symmetry", "y1": "symmetry"})
+    raised = mesh.points.copy()
+    y1 = mesh.patches["y1"]
+    raised[y1, 1] += 0.03 * np.sin(np.pi * raised[y1, 0] / raised[:, 0].max())
+    mesh = replace(mesh, points=raised)
+    assert roles_of(mesh) == {"body": "moving", "x0": "fixed", "x1": "fixed", "y0": "symmetry", "y1": "slip"}
+    np.savez(tmp_path / "mesh.npz", points=raised, cells_quad=mesh.cells["quad"],
+             **{f"patch_{name}": nodes for name, nodes in mesh.patches.items()})  # fmt: skip
+    (tmp_path / "case.toml").write_text(draft(mesh, tmp_path), encoding="utf-8")
+    assert not check(tmp_path / "case.toml", seconds=5.0).refused
 
 
 def numbers_of(value: object) -> list[float]:
@@ -171,3 +218,68 @@ def test_the_sides_of_one_layer_of_cells_are_a_symmetry(tmp_path: Path, normal: 
     moved = MotionProgram.of(case, case.read_mesh()).displacement(10)
     assert np.abs(np.delete(moved, normal, axis=1)).max() > 1e-3
     assert np.abs(moved[:, normal]).max() < 1e-12
+
+
+def half(path: Path, turn: np.ndarray, *, flap: bool = False) -> MeshFile:
+    """A turned box with half a body on its lowest side in the last direction, the patch "symmetry".
+
+    A flap stands on the lowest side in the first direction, too, and has more nodes where it is thick.
+    """
+    d = len(turn)
+    points, cells = tensor_grid(*[np.linspace(0.0, 1.0, 9)] * d)
+    centre = points[cells].mean(axis=1)
+    inside = (np.abs(centre[:, :-1] - 0.5) < 0.15).all(axis=1) & (centre[:, -1] < 0.3)
+    if flap:
+        inside = (centre[:, 0] < 0.6) & (np.abs(centre[:, 1] - 0.5) < 0.15) & (centre[:, 2] < 0.3)
+    solid = np.isin(np.arange(len(points)), cells[inside])
+    used = np.unique(cells[~inside])
+    points, rest = without_unused(points, cells[~inside])
+    body = np.flatnonzero(solid[used])
+    walls = [np.flatnonzero(points[:, k] == 0.0) for k in range(d)]
+    far = np.flatnonzero((points == 1.0).any(axis=1))
+    patches = {"body": body, "symmetry": walls[-1], "far": far} | {f"wall{k}": walls[k] for k in range(d - 1)}
+    points[:, -1] *= 1.0 + 0.2 * points[:, 0]
+    cell = {2: "quad", 3: "hexahedron"}[d]
+    np.savez(path, points=points @ turn.T, **{f"cells_{cell}": rest}, **{f"patch_{k}": v for k, v in patches.items()})
+    return read_mesh(path)
+
+
+def turn_by(degrees: float, axis: np.ndarray) -> np.ndarray:
+    """The rotation about an axis (Rodrigues)."""
+    angle, (x, y, z) = np.radians(degrees), axis / np.linalg.norm(axis)
+    across = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.eye(3) + np.sin(angle) * across + (1.0 - np.cos(angle)) * across @ across
+
+
+@pytest.mark.parametrize("degrees", [0.0, 90.0, 33.0])
+@pytest.mark.parametrize("body", ["in a plane", "in space", "flap"])
+def test_the_first_motion_stays_in_the_symmetry_planes_that_a_body_touches(
+    tmp_path: Path, degrees: float, body: str
+) -> None:
+    turn = turn_by(degrees, np.array([0.0, 0.0, 1.0]))[:2, :2]
+    if body != "in a plane":
+        turn = turn_by(degrees, np.array([1.0, -2.0, 0.5]))
+    mesh = half(tmp_path / "mesh.npz", turn, flap=body == "flap")
+    text = draft(mesh, tmp_path)
+    assert ("bending" in tomllib.loads(text)["motion"][0]) == (body == "flap")
+    path = tmp_path / "case.toml"
+    path.write_text(text, encoding="utf-8")
+    assert not check(path, seconds=5.0).refused
+    moved = MotionProgram.of(read_case(path), mesh).displacement(10)
+    assert np.abs(moved).max() > 1e-3
+
+
+def test_a_patch_that_ends_at_one_periodic_side_does_not_move(tmp_path: Path) -> None:
+    """An L: its lid ends at the right side, whose image has no lid."""
+    points, cells = tensor_grid(np.linspace(0.0, 2.0, 9), np.linspace(0.0, 2.0, 9))
+    centre = points[cells].mean(axis=1)
+    points, cells = without_unused(points, cells[(centre < 1.0).any(axis=1)])
+    x, y = points.T
+    patches = {"left": (x == 0.0) & (y <= 1.0), "right": x == 2.0, "floor": y == 0.0, "top": y == 2.0}
+    patches |= {"lid": (y == 1.0) & (x >= 1.0), "step": (x == 1.0) & (y >= 1.0), "other": (x == 0.0) & (y >= 1.0)}
+    nodes = {f"patch_{name}": np.flatnonzero(on) for name, on in patches.items()}
+    np.savez(tmp_path / "mesh.npz", points=points, cells_quad=cells, **nodes)
+    mesh = replace(read_mesh(tmp_path / "mesh.npz"), marked={"left": "periodic", "right": "periodic"})
+    assert [name for name, role in roles_of(mesh).items() if role == "moving"] == ["step"]
+    (tmp_path / "case.toml").write_text(draft(mesh, tmp_path), encoding="utf-8")
+    assert not check(tmp_path / "case.toml", seconds=5.0).refused

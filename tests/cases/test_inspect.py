@@ -1,3 +1,6 @@
+import errno
+import io
+import os
 from pathlib import Path
 
 import pytest
@@ -6,6 +9,8 @@ from mesh_motion_protocol.errors import InvalidInput
 
 from mesh_motion_server.cases.inspect import inspect_folder, list_sessions
 from mesh_motion_server.files import read_mesh
+from mesh_motion_server.session import inspection
+from mesh_motion_server.watch.terminal.console import console
 
 
 def client_mesh(path: Path) -> Mesh:
@@ -61,6 +66,45 @@ def test_one_damaged_session_hides_no_other_and_is_named(make_case, tmp_path: Pa
         (check,) = (c for c in inspect_folder(folder).values["checks"] if not c["passed"])
         assert check["name"] == "spec"
         assert reason in check["message"]
+
+
+def test_a_long_label_shortens_no_session_id(make_case, tmp_path: Path) -> None:
+    state = tmp_path / "state"
+    with connect(state=state) as server:
+        server.open(client_mesh(make_case().parent / "mesh.npz"), label="x" * 200).close("keep")
+        listed = list_sessions(server.endpoint, 10.0)
+    [folder] = (state / "sessions").iterdir()
+    for found in (listed, inspect_folder(state)):
+        shown = console(width=80, file=io.StringIO())
+        shown.print(found.table)
+        assert folder.name in shown.file.getvalue()
+
+
+def test_what_is_no_session_among_sessions_hides_none(
+    make_case, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    state = tmp_path / "state"
+    with connect(state=state) as server:
+        server.open(client_mesh(make_case().parent / "mesh.npz"), label="kept").close("keep")
+    [kept] = (state / "sessions").iterdir()
+    (state / "sessions" / f"{1:032x}").write_text("no folder")
+    os.mkfifo(state / "sessions" / f"{2:032x}")
+    (state / "sessions" / f"{3:032x}").symlink_to(tmp_path / "nothing")
+    alone = state / "sessions" / f"{4:032x}"
+    alone.mkdir()
+    (alone / "spec.json").write_bytes((kept / "spec.json").read_bytes())  # it names the other session
+    found = inspect_folder(state)
+    assert [(s["label"], s["state"]) for s in found.values["sessions"]] == [("kept", "damaged"), ("kept", "whole")]
+    assert found.damaged == [alone.name]
+    looked = inspection.is_missing
+
+    def denied(path: Path) -> bool:
+        if path.parent == alone:
+            raise PermissionError(errno.EACCES, "Permission denied", str(path))
+        return looked(path)
+
+    monkeypatch.setattr(inspection, "is_missing", denied)
+    assert inspect_folder(state).damaged == [alone.name]
 
 
 def test_any_other_folder_is_refused(tmp_path: Path) -> None:

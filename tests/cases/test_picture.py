@@ -60,6 +60,31 @@ def test_a_3d_motion_is_cut_across_the_axis_of_least_motion() -> None:
     assert choose_plane(*snapshots("quad")) is None
 
 
+@pytest.mark.parametrize("thin", [1, 2])
+def test_of_two_axes_without_motion_the_shorter_one_is_cut(thin: int) -> None:
+    """One layer of cells is shown in its plane."""
+    shape = np.where(np.arange(3) == thin, 0.1, 1.0)
+    before, after = (replace(mesh, points=mesh.points * shape) for mesh in snapshots("hexahedron"))
+    for rounding in (0.0, 1e-9):
+        noisy = replace(after, points=after.points + rounding * np.array([0.0, thin == 1, thin == 2]))
+        assert choose_plane(before, noisy).axis == thin
+
+
+@pytest.mark.parametrize("stretch", [5.0, 20.0])
+@pytest.mark.parametrize("width", [90.0, 190.0])
+def test_a_long_mesh_takes_the_width_of_its_page(stretch: float, width: float) -> None:
+    pair = MeshPair("long", "size-skew", *snapshots("quad"), ("at opening", "after step 1"))
+    long = [replace(mesh, points=mesh.points[:, ::-1] * [stretch, 1.0]) for mesh in (pair.before, pair.after)]
+    page = Page(width)
+    with styled(page):
+        figure = draw_before_after(replace(pair, before=long[0], after=long[1]), page)
+        figure.draw_without_rendering()
+    places = [axes.get_position() for axes in figure.axes[:4]]
+    for mesh, close_up in ((places[0], places[2]), (places[1], places[3])):
+        assert mesh.width > 0.7
+        assert close_up.width > 0.25
+
+
 def test_a_small_moving_part_of_a_long_domain_is_shown_alone() -> None:
     before, after = snapshots("quad")
     np.testing.assert_array_equal(choose_window(before, after, None), [[0, 0], [1, 1]])

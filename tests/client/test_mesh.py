@@ -129,3 +129,14 @@ def test_a_small_file_that_would_fill_the_memory_is_refused(tmp_path, monkeypatc
     np.savez_compressed(tmp_path / "m.npz", points=np.zeros((1 << 18, 2)))
     with pytest.raises(InvalidInput, match=r"m\.npz: \d+ bytes that hold \d+, expected at most"):
         Mesh.load(tmp_path / "m.npz", GIVEN)
+
+
+def test_a_name_that_no_message_holds_is_refused_at_once() -> None:
+    points, cells = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]), {"triangle": np.array([[0, 1, 2]])}
+    for name in ("a" * 256, "é" * 128):
+        Mesh(points, cells, {name: Patch("moving", [0, 1, 2])})
+    for name in ("a" * 257, "é" * 129, "a" * 10_000):
+        with pytest.raises(InvalidInput, match=r"at most 256 bytes in UTF-8, got \d+: '\w{40}'") as caught:
+            Mesh(points, cells, {name: Patch("moving", [0, 1, 2])})
+        assert caught.value.hint == "give the patch a shorter name"
+        assert len(str(caught.value)) < 200

@@ -92,6 +92,18 @@ def test_fluent_meshes_that_do_not_fit(tmp_path: Path, old: str, new: str, messa
     one_line(replaced(tmp_path / "m.msh", old, new), message)
 
 
+@pytest.mark.parametrize(
+    ("kind", "role"), [(3, None), (7, "symmetry"), (37, "symmetry"), (8, "periodic"), (12, "periodic")]
+)
+def test_fluent_marks_symmetry_axes_and_periodic_sides(tmp_path: Path, kind: int, role: str | None) -> None:
+    fluent(tmp_path / "m.msh")
+    text = (tmp_path / "m.msh").read_text()
+    begin = text.index("(13 (5 ")
+    head, rest = text[:begin], text[begin:]
+    (tmp_path / "m.msh").write_text(head + rest.replace(" 3 4)", f" {kind:x} 4)", 1))
+    assert read_mesh(tmp_path / "m.msh").marked == {"sides": "symmetry"} | ({"wall": role} if role else {})
+
+
 def test_fluent_in_the_plane_with_a_polygon(tmp_path: Path) -> None:
     """A pentagon and a triangle; the zones have no names."""
     (tmp_path / "m.msh").write_text(

@@ -241,6 +241,7 @@ def test_one_layer_between_wedge_patches_is_a_plane(foam_case: Callable[..., Pat
     assert {name: len(nodes) for name, nodes in mesh.cells.items()} == {"quad": 12}
     assert {name: len(nodes) for name, nodes in mesh.patches.items()} == {"rest": 11, "back": 5}
     np.testing.assert_array_equal(mesh.patches["back"], np.flatnonzero(mesh.points[:, 1] == 0.0))
+    assert mesh.marked == {"back": "symmetry"}
     assert sizes(mesh)["quad"].sum() == pytest.approx(1.0)
     assert (sizes(mesh)["quad"] > 0).all()
 
@@ -383,7 +384,9 @@ def test_check_warns_of_cyclic_patches_without_their_role(tmp_path: Path) -> Non
     mesh = tetra(tmp_path / "mesh", boundary="1 ( side { type cyclic; nFaces 4; startFace 0; } )")
     warning = "patch 'side' is one side of a period in the mesh file: give it the role periodic"
     assert warning in check(mesh).warnings
-    assert read_mesh(mesh).periodic == ("side",)
+    assert read_mesh(mesh).marked == {"side": "periodic"}
+    plane = tetra(tmp_path / "plane", boundary="1 ( side { type symmetryPlane; nFaces 4; startFace 0; } )")
+    assert read_mesh(plane).marked == {"side": "symmetry"}
     assert warning not in check(tetra(tmp_path / "other")).warnings
 
 

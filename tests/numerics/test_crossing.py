@@ -10,6 +10,7 @@ import pytest
 from box_meshes import box_mesh
 from frame_meshes import square_frame, tensor_grid, without_unused
 from mesh_motion_numerics.arrays import Floats
+from mesh_motion_numerics.mesh.boundary_facets import boundary_nodes
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.mesh.roles import Patch
 from mesh_motion_numerics.method import Method
@@ -17,6 +18,7 @@ from mesh_motion_numerics.motion.crossing import NoMeshExists
 from mesh_motion_numerics.motion.motion import MotionModel
 from mesh_motion_numerics.motion.prepared_mesh import PreparedMesh
 from mesh_motion_protocol.errors import QualityRefused
+from sliding_meshes import rounded
 
 NO_MESH = "no valid mesh exists: the boundary would "
 
@@ -119,6 +121,38 @@ def test_a_body_that_leaves_through_walls(
     if leaves and kind == "quad":
         with pytest.raises(QualityRefused, match=NO_MESH):
             model.move(model.points, targets)
+
+
+@pytest.mark.parametrize("d", [2, 3])
+@pytest.mark.parametrize("power", [2.0, 8.0])
+@pytest.mark.parametrize(
+    ("shift", "leaves"),
+    [((0.35, 0.0), False), ((0.0, -0.3), False), ((0.0, 0.42), True), ((0.6, 0.0), True), ((-0.9, 0.2), True)],
+)
+def test_a_body_that_leaves_through_a_curved_wall_on_which_nodes_slide(
+    d: int, power: float, shift: tuple[float, float], leaves: bool
+) -> None:
+    points, cells, patches = rounded(d, power=power)
+    model = MotionModel.build(points, cells, patches, Method())
+    targets = points[model.roles.moving] + np.array([*shift, 0.0][:d])
+    assert bool(refused(model, targets)) == leaves
+    if leaves and d == 2:
+        with pytest.raises(QualityRefused, match=NO_MESH):
+            model.move(model.points, targets)
+
+
+@pytest.mark.parametrize("x", [0.8, 0.86, 0.9])
+def test_a_body_may_enter_the_corner_next_to_a_wall_that_is_bent_inwards(x: float) -> None:
+    mesh = box_mesh("quad", 10)
+    points = mesh.points.copy()
+    points[:, 0] *= 1.0 - 0.3 * points[:, 0] * np.sin(np.pi * points[:, 1])
+    wall = np.flatnonzero(mesh.points[:, 0] == 1.0)
+    patches = {"body": Patch("moving", mesh.body), "wall": Patch("slip", wall)}
+    patches["rest"] = Patch("fixed", np.setdiff1d(mesh.outer, wall))
+    model = MotionModel.build(points, mesh.cells, patches, Method())
+    targets = (mesh.points[mesh.body] - 0.5) * 0.3 + np.array([x, 0.06])
+    assert refused(model, targets) == ""
+    assert refused(model, targets + np.array([1.04 - x, 0.0])) != ""
 
 
 @pytest.mark.parametrize("role", ["fixed", "slip"])
@@ -296,3 +330,62 @@ def test_a_corner_or_an_edge_that_meets_a_facet_an_edge_or_a_corner(where: str |
     else:
         targets[first] = on_a_corner(targets[first]) + where - [gap, 0.0, 0.0]
     assert bool(refused(model, targets)) == (gap == 0.0)
+
+
+def arms(dimension: int, *, joined: bool) -> MotionModel:
+    """Two arms of a domain with a solid of width 0.2 between them, or two blocks that share a corner or an edge."""
+    points, cells = tensor_grid(*[np.linspace(0, 1, 11)] * 2, *[np.linspace(0, 0.3, 4)] * (dimension - 2))
+    x, y = points[cells].mean(axis=1).T[:2]
+    kept = ~((np.abs(x - 0.5) < 0.1) & (y > 0.3)) if joined else (x < 0.5) == (y < 0.5)
+    points, cells = without_unused(points, cells[kept])
+    table = CellTable.from_arrays({"quad" if dimension == 2 else "hexahedron": cells})
+    patches = {"wall": Patch("moving", boundary_nodes(table))}
+    return MotionModel.build(points, table, patches, Method())
+
+
+def bent_arms(model: MotionModel, amplitude: float) -> Floats:
+    targets = model.points[model.roles.moving].copy()
+    x, y = targets.T[:2]
+    targets[:, 0] += np.where(x < 0.5, amplitude, -amplitude) * np.clip((y - 0.3) / 0.7, 0.0, 1.0) ** 2
+    return targets
+
+
+def turned_block(model: MotionModel, degrees: float) -> Floats:
+    targets, angle = model.points[model.roles.moving].copy(), np.deg2rad(degrees)
+    turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+    upper = (targets[:, :2] > 0.499).all(axis=1)
+    targets[upper, :2] = (targets[upper, :2] - 0.5) @ turn + 0.5
+    return targets
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+@pytest.mark.parametrize(
+    ("moved", "apart", "over"),
+    [(bent_arms, 0.09, 0.12), (bent_arms, 0.05, 0.3), (turned_block, 80, 100), (turned_block, 30, 170)],
+)
+def test_a_mesh_that_overlaps_itself_from_outside_is_refused(
+    dimension: int, moved: Callable[[MotionModel, float], Floats], apart: float, over: float
+) -> None:
+    """No cell is inverted."""
+    model = arms(dimension, joined=moved is bent_arms)
+    assert not model.move(model.points, moved(model, apart)).corrected.inverted
+    with pytest.raises(QualityRefused, match=f"{NO_MESH}cross itself near") as caught:
+        model.move(model.points, moved(model, over))
+    assert caught.value.fraction is not None
+    assert 0.2 < caught.value.fraction < 1.0
+    allowed = model.with_method(allow_invalid=True, correction="none")
+    assert not allowed.move(model.points, moved(model, over)).corrected.inverted
+
+
+def test_a_baffle_may_bend_although_its_sides_are_meshed_differently() -> None:
+    """Their facets cross a little; the nodes at its ends are at the same places."""
+    low, first = tensor_grid(np.linspace(0, 1, 9), np.linspace(0, 0.5, 5))
+    high, second = tensor_grid(np.linspace(0, 1, 7), np.linspace(0.5, 1, 5))
+    points = np.vstack([low, high])
+    table = CellTable.from_arrays({"quad": np.vstack([first, second + len(low)])})
+    on = np.flatnonzero(points[:, 1] == 0.5)
+    patches = {"baffle": Patch("moving", on), "rest": Patch("fixed", np.setdiff1d(boundary_nodes(table), on))}
+    model = MotionModel.build(points, table, patches, Method())
+    targets = points[model.roles.moving].copy()
+    targets[:, 1] += 0.1 * np.sin(np.pi * targets[:, 0])
+    assert not model.move(points, targets).corrected.inverted

@@ -93,6 +93,20 @@ def test_what_is_no_folder_is_refused(tmp_path: Path, what: str) -> None:
         StateFolder(path)
 
 
+@pytest.mark.parametrize("what", ["folder", "pipe", "loop"])
+def test_a_lock_that_is_no_file_is_named(tmp_path: Path, what: str) -> None:
+    state = tmp_path / "state"
+    StateFolder(state).release()
+    lock = state / "server.lock"
+    lock.unlink()
+    if what == "loop":
+        lock.symlink_to(lock)
+    else:
+        lock.mkdir() if what == "folder" else os.mkfifo(lock)
+    with pytest.raises(ResourceExhausted, match=r"cannot be used: its file server\.lock: "):
+        StateFolder(state).name_holder("ipc:///here")
+
+
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root gives files away")
 def test_the_folder_or_link_of_a_stranger_is_refused(tmp_path: Path) -> None:
     (tmp_path / "state").mkdir(mode=0o700)

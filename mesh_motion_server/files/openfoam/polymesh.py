@@ -24,6 +24,10 @@ from mesh_motion_server.files.polyhedra.pieces import divide
 __all__ = ["FOAM_FILE", "OPENFOAM", "read_face_mesh", "read_polymesh"]
 
 
+#: Roles of types of patches, by the beginning of their names.
+_ROLES = {"cyclic": "periodic", "symmetry": "symmetry"}
+
+
 def read_polymesh(path: Path) -> MeshFile:
     """Read a mesh from a case or a polyMesh folder.
 
@@ -36,17 +40,17 @@ def read_polymesh(path: Path) -> MeshFile:
     axes = plane_axes(mesh)
     wedges = [patch.name for patch in mesh.patches if patch.kind == "wedge"]
     patches = [patch for patch in mesh.patches if patch.count and patch.kind not in ("empty", "wedge")]
-    cyclic = tuple(patch.name for patch in patches if patch.kind.startswith("cyclic"))
+    marked = {patch.name: role for patch in patches for kind, role in _ROLES.items() if patch.kind.startswith(kind)}
     if len(axes) == 2:
         plane = project(mesh, axes)
         edges = {patch.name: plane.edges(mesh, patch) for patch in patches}
         if len(plane.axis):
-            edges[wedges[0]] = plane.axis
-        return _mesh(path, plane.points, plane.cells, edges, cyclic)
+            edges[wedges[0]], marked[wedges[0]] = plane.axis, "symmetry"
+        return _mesh(path, plane.points, plane.cells, edges, marked)
     pieces = divide(mesh, find_cells(mesh))
     facets = {patch.name: pieces.facets(mesh, mesh.boundary_faces(patch)) for patch in patches}
     nodes = {name: np.concatenate([part.ravel() for part in parts.values()]) for name, parts in facets.items()}
-    return _mesh(path, pieces.points, pieces.cells, nodes, cyclic)
+    return _mesh(path, pieces.points, pieces.cells, nodes, marked)
 
 
 def _mesh(
@@ -54,11 +58,11 @@ def _mesh(
     points: np.ndarray,
     cells: dict[str, Integers],
     nodes: dict[str, Integers],
-    cyclic: tuple[str, ...],
+    marked: dict[str, str],
 ) -> MeshFile:
     """The mesh; ``nodes`` has the face nodes of each patch, with repeats."""
     patches = {name: np.unique(of) for name, of in nodes.items()}
-    return MeshFile(points, cells, patches, path, cyclic)
+    return MeshFile(points, cells, patches, path, marked)
 
 
 def _polymesh_folder(path: Path) -> Path:

@@ -34,6 +34,8 @@ class Slow(Exception):
 def list_segments(folder: Path, kind: str) -> list[Path]:
     """The segments of a kind, oldest first; empty without a folder.
 
+    A link or a folder of such a name is none, nor is a pipe: opening it would take for ever.
+
     Raises
     ------
     OSError
@@ -41,7 +43,9 @@ def list_segments(folder: Path, kind: str) -> list[Path]:
     """
     pattern = re.compile(rf"{kind}-[0-9]{{8}}\.(jsonl|bin)")
     try:
-        return sorted(path for path in folder.iterdir() if pattern.fullmatch(path.name))
+        with os.scandir(folder) as found:
+            names = [of.name for of in found if pattern.fullmatch(of.name) and of.is_file(follow_symlinks=False)]
+        return [folder / name for name in sorted(names)]
     except FileNotFoundError:
         return []
 

@@ -26,6 +26,8 @@ _WIDE_PAGE = 130.0
 _LONG = 0.4
 #: In the picture of one mesh: the mesh's share of the width, and the heights of title and colour bar.
 _LEFT, _HEAD_MM, _FOOT_MM = 0.6, 7.0, 14.0
+#: Least height of a long mesh, mm.
+_LEAST = 4.0
 #: Height of the history, as a share of the page's width.
 _HISTORY = 0.22
 
@@ -65,14 +67,11 @@ def draw_before_after(pair: MeshPair, page: Page, *, title: str | None = None, r
     before, after = pair.before, pair.after
     plane = choose_plane(before, after)
     window = choose_window(before, after, plane)
-    rows, widths, height = _arrangement(before.points.shape[1], window, page)
-    ratios = [1.0] * len(rows)
+    rows, widths, heights, around = _arrangement(before.points.shape[1], window, page)
     if run is not None:
-        below = _HISTORY * page.width
-        rows, ratios = [*rows, "h" * len(rows[0])], [*ratios, below * len(rows) / height]
-        height += below
-    figure = blank(page, height, fixed_aspect=True)
-    axes = figure.subplot_mosaic([list(row) for row in rows], width_ratios=widths, height_ratios=ratios)
+        rows, heights = [*rows, "h" * len(rows[0])], [*heights, _HISTORY * page.width]
+    figure = blank(page, sum(heights) + around, fixed_aspect=True)
+    axes = figure.subplot_mosaic([list(row) for row in rows], width_ratios=widths, height_ratios=heights)
     if "a" in axes:
         _draw_meshes(figure, axes, pair, plane, window, page)
     if "d" in axes:
@@ -137,18 +136,22 @@ def _bar_label(pair: MeshPair) -> str:
     return f"{pair.metric} of a cell" + (" (pink: inverted)" if inverted else "")
 
 
-def _arrangement(dimension: int, window: Floats, page: Page) -> tuple[list[str], list[float], float]:
-    """Rows of panels (a, b the meshes, c close-up, d distribution), shares of columns, and the suitable height, mm."""
+def _arrangement(dimension: int, window: Floats, page: Page) -> tuple[list[str], list[float], list[float], float]:
+    """Rows of panels (a, b the meshes, c close-up, d distribution), shares of columns, heights of rows, and the height
+    of what is above and below, mm.
+    """
     ratio = float((window[1, 1] - window[0, 1]) / (window[1, 0] - window[0, 0]))
     head, text = 26.0, 11.0
     if dimension == 1:
-        return ["d"], [1.0], 0.4 * page.width + text
+        return ["d"], [1.0], [0.4 * page.width], text
     if ratio < _LONG:  # one below the other
-        return ["aa", "bb", "cd"], [1.0, 1.0], 2 * (ratio * page.width + text) + 0.4 * page.width + text + head
+        flat = max(ratio * (page.width - text), _LEAST)
+        return ["aa", "bb", "cd"], [1.0, 1.0], [flat, flat, 0.4 * page.width], 3 * text + head
     if page.width >= _WIDE_PAGE:
         unit = (page.width - 3 * text) / (2.0 / ratio + 1.0)
-        return ["abc"], [1.0 / ratio, 1.0 / ratio, 1.0], unit + text + head
-    return ["ab", "cd"], [1.0, 1.0], (1.0 + ratio) * (page.width - 2 * text) / 2.0 + 2 * text + head
+        return ["abc"], [1.0 / ratio, 1.0 / ratio, 1.0], [unit], text + head
+    side = (page.width - 2 * text) / 2.0
+    return ["ab", "cd"], [1.0, 1.0], [ratio * side, side], 2 * text + head
 
 
 def _mark_enrichment(axes: Any, pair: MeshPair, plane: Plane | None, page: Page) -> None:

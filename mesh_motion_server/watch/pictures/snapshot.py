@@ -11,6 +11,8 @@ __all__ = ["Plane", "Snapshot", "choose_plane", "choose_window"]
 
 #: A picture shows only the surroundings of the moving nodes if these take less than this share of it.
 _CROP_BELOW = 0.4
+#: Along an axis with a smaller share of the sum of squares nodes do not move.
+_STILL = 1e-6
 #: Width of the surroundings around the moving nodes, as a share of their largest extent.
 _MARGIN = 0.5
 
@@ -78,16 +80,19 @@ class Plane:
 
 
 def choose_plane(before: Snapshot, after: Snapshot) -> Plane | None:
-    """The plane that shows most of a 3D motion: across the axis of least motion, through the nodes that move most."""
+    """The plane that shows most of a 3D motion: across the axis of least motion, through the nodes that move most.
+
+    Of several axes without motion it is across the shortest one, which is that of one layer of cells.
+    """
     if before.points.shape[1] < 3:
         return None
     start, moved = before.points[before.moving], after.points[after.moving]
-    motion = moved - start
-    if not len(motion):  # no node moves: across the middle of the shortest axis
-        axis = int(np.argmin(np.ptp(after.points, axis=0)))
+    squares = (moved - start) ** 2
+    along, extent = squares.sum(axis=0), np.ptp(after.points, axis=0)
+    axis = int(np.lexsort((extent, np.maximum(along, _STILL * along.max())))[0])
+    if not len(moved):
         return Plane(axis, float(after.points[:, axis].mean()))
-    axis = int(np.argmin((motion**2).sum(axis=0)))
-    weight = (motion**2).sum(axis=1)
+    weight = squares.sum(axis=1)
     position = float(np.average(moved[:, axis], weights=weight) if weight.any() else moved[:, axis].mean())
     return Plane(axis, position)
 

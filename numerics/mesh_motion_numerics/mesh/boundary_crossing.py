@@ -22,6 +22,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import reduce
+from itertools import chain
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -143,33 +145,43 @@ def _rounding(points: Floats) -> float:
 
 def _near(points: Floats, ones: Integers, others: Integers) -> tuple[Integers, Integers]:
     """Pairs (p,) of facets whose bounding circles or spheres, and boxes, intersect, or nearly so."""
+    low, high = _boxes(points, ones)
+    other_low, other_high = _boxes(points, others)
+    widest = float((other_high - other_low).max(initial=0.0))
+    margin = points.shape[1] * _OVERLAP * widest + 2.0 * _shift(points)
+    around = (other_low <= high.max(axis=0, initial=-np.inf) + margin).all(axis=1)
+    around &= (other_high >= low.min(axis=0, initial=np.inf) - margin).all(axis=1)
+    candidates = np.flatnonzero(around)
     centres, radii = _circles(points, ones)
-    other_centres, other_radii = _circles(points, others)
-    margin = _OVERLAP * float(other_radii.max(initial=0.0)) + 2.0 * _shift(points)
+    other_centres, other_radii = _circles(points, others[candidates])
     pairs = [np.empty((0, 2), dtype=np.int64)]
     classes = np.floor(np.log2(np.maximum(other_radii, np.finfo(float).tiny)))
     for size in np.unique(classes):
         members = np.flatnonzero(classes == size)
         tree = cKDTree(other_centres[members])
-        found = tree.query_ball_point(centres, radii + other_radii[members].max() + margin)
+        found = tree.query_ball_point(centres, radii + other_radii[members].max() + margin, return_sorted=True)
         counts = np.array([len(hits) for hits in found], dtype=np.int64)
         if counts.any():
-            hits = np.concatenate([np.sort(np.array(h, dtype=np.int64)) for h in found if h])
-            pairs.append(np.column_stack([np.repeat(np.arange(len(ones)), counts), members[hits]]))
+            hits = np.fromiter(chain.from_iterable(found), dtype=np.int64, count=int(counts.sum()))
+            pairs.append(np.column_stack([np.repeat(np.arange(len(ones)), counts), candidates[members[hits]]]))
     first, second = np.concatenate(pairs).T
-    low, high, other_low, other_high = (
-        end(points[facets], axis=1) for facets in (ones, others) for end in (np.min, np.max)
-    )
     gap = np.maximum(low[first] - other_high[second], other_low[second] - high[first])
     meet = (gap <= margin).all(axis=1)
     return first[meet], second[meet]
 
 
+def _boxes(points: Floats, facets: Integers) -> tuple[Floats, Floats]:
+    """Lower and upper corners (f, d) of the boxes around facets (f, k)."""
+    corners = [points[nodes] for nodes in facets.T]
+    return reduce(np.minimum, corners), reduce(np.maximum, corners)
+
+
 def _circles(points: Floats, facets: Integers) -> tuple[Floats, Floats]:
     """Centres (f, d) and radii (f,) of circles or spheres around facets (f, k)."""
-    corners = points[facets]
-    centres = corners.mean(axis=1)
-    return centres, np.sqrt(np.max(np.sum((corners - centres[:, None]) ** 2, axis=2), axis=1))
+    corners = [points[nodes] for nodes in facets.T]
+    centres = sum(corners) / len(corners)
+    squares = [np.sum((corner - centres) ** 2, axis=1) for corner in corners]
+    return centres, np.sqrt(reduce(np.maximum, squares))
 
 
 def _covers(points: Floats, ones: Integers, others: Integers) -> Marks:

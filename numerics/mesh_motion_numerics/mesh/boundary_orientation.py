@@ -15,7 +15,7 @@ from scipy.sparse.csgraph import connected_components
 from mesh_motion_numerics.arrays import Floats, Integers, Marks
 from mesh_motion_numerics.mesh.smooth_pieces import area_vectors, widened
 
-__all__ = ["closed_parts", "of_one_width", "overturned_place"]
+__all__ = ["closed_parts", "of_one_width", "outer_nodes", "overturned_place"]
 
 
 #: Rounding error of the sum of a part's contributions, relative to their size.
@@ -47,6 +47,16 @@ def overturned_place(
     nodes = np.unique(rows[parts == lost[0]])
     centre: Floats = points[nodes[nodes >= 0]].mean(axis=0)
     return centre
+
+
+def outer_nodes(facets: Mapping[str, Integers], reference: Floats) -> Marks:
+    """(n,) whether each node of a mesh (n, d) is on a part of the boundary that is no hole."""
+    found = np.zeros(len(reference) + 1, dtype=bool)  # the last one for the -1 of a triangle
+    if facets:
+        rows = of_one_width(facets)
+        parts = _parts(rows, len(reference))
+        found[rows[(_signs(parts, _contributions(reference, rows)) > 0.0)[parts]]] = True
+    return found[:-1]
 
 
 def closed_parts(rows: Integers, prescribed: Marks, count: int) -> tuple[Integers, Marks]:

@@ -12,7 +12,7 @@ References
 A. Van Oosterom, J. Strackee, "The solid angle of a plane triangle", IEEE Trans. Biomed. Eng. 30 (1983) 125–126.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from mesh_motion_numerics.mesh.boundary_orientation import closed_parts, of_one_
 from mesh_motion_numerics.mesh.points import spread
 from mesh_motion_numerics.mesh.smooth_pieces import area_vectors, as_simplices
 
-__all__ = ["contact_place", "left_place", "misplaced_place"]
+__all__ = ["MOST_BEYOND", "beyond", "contact_place", "left_place", "misplaced_place"]
 
 
 #: Smallest number of tested places, spread over all: a part that has left is found by any node that is outside …
@@ -36,6 +36,10 @@ _MOST_TOUCHING = 64
 _TOGETHER = 32
 #: Distance from a facet, relative to its size, at which its sides are tested: far above rounding, far below any gap.
 _NEAR = 1e-8
+#: Number of facets of which those beyond curved walls are chosen.
+MOST_BEYOND = 256
+#: Steps of the search for a plane between a place and a cloud of points.
+_STEPS = 20
 #: Barycentric places of the tests: in the corners, at the sides and in the middle.
 _WHERE = {
     2: np.array([(0.999, 0.001), (0.5, 0.5), (0.001, 0.999)]),
@@ -88,13 +92,48 @@ def misplaced_place(
     return None
 
 
+def beyond(places: Floats, around: Sequence[Floats]) -> Marks:
+    """(s,) whether planes part all of the ``places`` (s, k, d) from each of some clouds of points (c, d).
+
+    Nodes that slide on a curved wall, and the facets between them, stay in its convex hull. So the winding number of
+    the boundary about a place outside of that hull does not depend on where they slide.
+    """
+    outside = np.ones(len(places), dtype=bool)
+    for cloud in around:
+        for row in np.flatnonzero(outside):
+            outside[row] = _is_parted(places[row], cloud)
+    return outside
+
+
+def _is_parted(corners: Floats, cloud: Floats) -> bool:
+    """Whether a plane between the corners (k, d) and the cloud (c, d) is found: by Gilbert's method, in a few steps."""
+    place, nearest = corners.mean(axis=0), cloud.mean(axis=0)
+    for _ in range(_STEPS):
+        across = place - nearest
+        farthest = cloud[np.argmax(cloud @ across)]
+        if ((corners - farthest) @ across).min() > _NEAR * float(across @ across):
+            return True
+        edge = farthest - nearest
+        square = float(edge @ edge)
+        if square == 0.0:
+            return False
+        nearest = nearest + min(max(float(across @ edge) / square, 0.0), 1.0) * edge
+    return False
+
+
 def left_place(
-    facets: Mapping[str, Integers], prescribed: Marks, moving: Integers, reference: Floats, points: Floats
+    facets: Mapping[str, Integers],
+    prescribed: Marks,
+    moving: Integers,
+    reference: Floats,
+    points: Floats,
+    around: Sequence[Floats] = (),
 ) -> Floats | None:
     """The first place (d,) of a moving wall outside of the part of the boundary that it is joined to, None if none is.
 
     A body between two planes, for example, that has passed wholly through the wall around it. Parameters as in
-    :func:`misplaced_place`, which tests parts that are joined to no other.
+    :func:`misplaced_place`, which tests parts that are joined to no other. Only facets :func:`beyond` the clouds
+    ``around`` are tested.
     """
     if not facets:
         return None
@@ -104,7 +143,11 @@ def left_place(
     own = moves[rows].all(axis=1)
     parts, _ = closed_parts(rows, prescribed, len(points))
     joined = np.bincount(parts, ~own) > 0
-    chosen = spread(rows[own & joined[parts]], _PROBES)
+    walls = as_simplices(rows[own & joined[parts]])
+    if len(around):
+        walls = spread(walls, MOST_BEYOND)
+        walls = walls[beyond(points[walls], around)]
+    chosen = spread(walls, _PROBES)
     return contact_place(facets, chosen, prescribed, reference, points)
 
 

@@ -19,12 +19,13 @@ from mesh_motion_numerics.mesh.boundary_crossing import (
     touching_facets,
 )
 from mesh_motion_numerics.mesh.boundary_facets import boundary_facets, boundary_nodes
-from mesh_motion_numerics.mesh.boundary_orientation import overturned_place
+from mesh_motion_numerics.mesh.boundary_orientation import outer_nodes, overturned_place
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.mesh.coincidence import CoincidentSides, linked_by_cells, met_nodes
+from mesh_motion_numerics.mesh.points import spread
 from mesh_motion_numerics.mesh.roles import BoundaryRoles
 from mesh_motion_numerics.mesh.sliding import SlidingSurfaces
-from mesh_motion_numerics.motion.boundary_nesting import contact_place, left_place, misplaced_place
+from mesh_motion_numerics.motion.boundary_nesting import MOST_BEYOND, beyond, contact_place, left_place, misplaced_place
 from mesh_motion_numerics.motion.point_contact import meeting_place
 
 __all__ = ["NoMeshExists", "PossibleCrossing", "refuse_region"]
@@ -56,6 +57,8 @@ class PossibleCrossing:
         Nodes with known places; includes nodes that slide in a plane, because they do not change its winding numbers.
     sides : CoincidentSides
         Sides with prescribed positions.
+    curved : tuple of (p,) arrays
+        The nodes of each curved wall on which nodes slide.
     """
 
     reference: Floats
@@ -64,6 +67,7 @@ class PossibleCrossing:
     facets: BoundaryFacets
     known: Marks
     sides: CoincidentSides
+    curved: tuple[Integers, ...] = ()
 
     @classmethod
     def build(
@@ -81,7 +85,8 @@ class PossibleCrossing:
         still = np.union1d(roles.fixed, _on_planes(sliding, roles.moving))
         own = BoundaryFacets.build(facets, roles.moving, still, len(reference))
         known[_on_planes(sliding, roles.moving[:0])] = True
-        return cls(reference, cells, roles, own, known, sides)
+        curved = () if sliding is None else tuple(piece.nodes for piece in sliding.pieces if piece.normal is None)
+        return cls(reference, cells, roles, own, known, sides, curved)
 
     def refuse_passing(self, points: Floats, targets: Floats, refusal: QualityRefused | None = None) -> None:
         """Refuse a mesh in which two nodes at the same reference place pass through each other; errors as below."""
@@ -94,6 +99,31 @@ class PossibleCrossing:
             one, other = pair
             fault = f"pass through itself at node {one} and node {other}, which are at the same place at rest"
             raise _no_mesh(fault, refusal, {"node": one})
+
+    def refuse_overlap(self, points: Floats, targets: Floats, refusal: QualityRefused) -> None:
+        """Refuse a mesh that would overlap itself from outside, although no cell need be inverted; errors as below.
+
+        Two arms of the domain, for example, with a solid between them. A hole that is closed inverts cells.
+        """
+        if self._outer is not None:
+            place = crossing_place(self._outer, self._moved(points, targets))
+            if place is not None:
+                near = ", ".join(f"{x:.4g}" for x in place)
+                certain = _no_mesh(f"cross itself near ({near})", refusal)
+                certain.looked_for = 1
+                raise certain
+
+    @cached_property
+    def _outer(self) -> BoundaryFacets | None:
+        """The facets of outer parts of the boundary; None if none of them moves, or if sides touch or cross at rest."""
+        if not self.facets.nodes or len(self.sides.pairs):
+            return None
+        outer = outer_nodes(boundary_facets(self.cells), self.reference)
+        if not outer[self.roles.moving].any():
+            return None
+        chosen = {name: nodes[outer[nodes[:, 0]]] for name, nodes in self.facets.nodes.items()}
+        found = BoundaryFacets({name: nodes for name, nodes in chosen.items() if len(nodes)}, self.facets.moving)
+        return found if crossing_place(found, self.reference) is None else None
 
     def refuse(self, points: Floats, targets: Floats, refusal: QualityRefused | None = None) -> None:
         """Refuse the mesh ``points`` (n, d) with its moving nodes at ``targets`` (k, d) if no valid mesh exists.
@@ -154,6 +184,15 @@ class PossibleCrossing:
         if not len(self.sides.pairs):
             left = left_place(facets, self.known, self.roles.moving, reference, moved)
             yield "leave its side of another part", left
+        if self.curved and not len(self.roles.periodic):
+            known, moving = self.known.copy(), self.roles.moving
+            known[self.roles.sliding] = True
+            around = [np.concatenate([reference[wall], moved[wall]]) for wall in self.curved]
+            some = spread(moving, MOST_BEYOND)
+            out = some[beyond(moved[some][:, None], around)]
+            misplaced = misplaced_place(facets, known, out, reference, moved)
+            yield "leave its side of another part", misplaced
+            yield "leave its side of another part", left_place(facets, known, moving, reference, moved, around)
         if len(self.roles.periodic):
             # periodic sides bend, and a body may pass beyond them; but a fixed wall separates them
             still = touching[~(self.facets.moving[touching] & (touching >= 0)).any(axis=1)]

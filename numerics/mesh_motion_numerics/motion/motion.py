@@ -283,10 +283,11 @@ class MotionModel(DifferentiableMesh):
         quality = predicted.quality
         collapsed = quality.inverted > 0 or quality.metric.min < _COLLAPSED
         corrected = self.method.correction != "none" or not quality.inverted
-        if collapsed and corrected and not self.method.allow_invalid:
+        if (corrected or not collapsed) and not self.method.allow_invalid:
             # a correction would find no mesh, or one whose cells are all positive but overlap or have no size
             refusal = QualityRefused("", best=quality.metric.min, cells=[cell.number for cell in quality.worst])
-            self.boundary.refuse(predicted.trial.points, step.targets, refusal)
+            refuse = self.boundary.refuse if collapsed else self.boundary.refuse_overlap
+            refuse(predicted.trial.points, step.targets, refusal)
         return predicted
 
     def _predict(self, motion: StandardMotion, step: _Step, watch: Stopwatch, turns: Turns | None = None) -> _Predicted:

@@ -385,6 +385,29 @@ def test_a_history_that_a_full_disk_ended_goes_on_when_the_session_is_resumed(
 # --- torn, rotated, full ---------------------------------------------------------------------------------------------
 
 
+@pytest.mark.parametrize("kind", ["events", "boundary"])
+@pytest.mark.parametrize("foreign", ["pipe", "folder", "link to a pipe", "link to nothing"])
+def test_a_segment_that_is_no_file_is_passed_over(store: SessionStore, kind: str, foreign: str, tmp_path: Path) -> None:
+    """Opening a pipe would take for ever: at RESUME, on the page, in a terminal."""
+    driver = new(store)
+    driver.advance(1)
+    lost(driver)
+    (segment,) = list_segments(folder_of(store) / "history", kind)
+    segment.unlink()
+    if foreign == "pipe":
+        os.mkfifo(segment)
+    elif foreign == "folder":
+        segment.mkdir()
+    else:
+        if foreign == "link to a pipe":
+            os.mkfifo(tmp_path / "pipe")
+        segment.symlink_to(tmp_path / "pipe")
+    again = resume_driver(driver, store, limits=LIMITS)
+    assert again.advance(2)[-1].type == "COMMITTED"
+    assert segment not in list_segments(folder_of(store) / "history", kind)
+    assert BoundaryLog(folder_of(store)).steps in (0, 1)
+
+
 def test_torn_lines_are_passed_over_and_gone_on_behind(store: SessionStore) -> None:
     driver = new(store)
     driver.advance(1)
