@@ -28,6 +28,7 @@ _BY_GMSH = (
 )
 _BY_MFEM = "versions 1.0, 1.2 and 1.3 are read; Mesh::PrintVTK of MFEM writes a mesh for other programs"
 _BY_PARAVIEW = "ParaView reads it: filter Merge Blocks, then File, Save Data, with the ending .vtu"
+_BY_NETGEN = "Netgen writes it with the names of its surfaces: File, Export Mesh, Abaqus Format, with the ending .inp"
 _BY_MESHIO = "meshio reads it: pip install meshio, meshio convert FILE mesh.vtu"
 _BY_ITS_PROGRAM = "its program exports formats that are read, for example CGNS or Fluent's .msh"
 
@@ -81,7 +82,7 @@ FORMATS: tuple[Format, ...] = (
     _named("a Nastran deck", (".bdf", ".nas"), rb"(?m)^(GRID\*?[ ,]|BEGIN BULK|CEND\b)", _BY_GMSH),
     _named("a Medit mesh", (".mesh", ".meshb"), rb"\A(\s|#.*\n)*MeshVersionFormatted", _BY_GMSH),
     _named("an MFEM mesh of another kind", (".mesh", ".mfem"), rb"\AMFEM ", _BY_MFEM),
-    _named("a Netgen mesh", (".vol",), rb"\A\s*mesh3d", "Netgen writes it for Gmsh: File, Export Mesh, Gmsh2 Format"),
+    _named("a Netgen mesh", (".vol",), rb"\A\s*mesh3d", _BY_NETGEN),
     _named("a Tecplot file", (".plt", ".tec"), rb"(?i)\A(#!TDV|(\s|#.*\n)*(TITLE|VARIABLES)\s*=)", _BY_PARAVIEW),
     _named(
         "an AVS UCD file",

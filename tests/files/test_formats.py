@@ -343,6 +343,19 @@ def test_med_and_exodus_files_that_do_not_fit(tmp_path: Path) -> None:
         (abaqus, "NSET=Nall", "NSET=Nall, SYSTEM=C", "SYSTEM=C, expected Cartesian"),
         (abaqus, "*STEP", "*INSTANCE, NAME=a, PART=p\n1, 0, 0\n*STEP", "'a' is moved to its place"),
         (abaqus, "*STEP", "*INSTANCE, NAME=a, PART=p\n*INSTANCE, NAME=b, PART=p\n*STEP", "'b' follows 'a', but one"),
+        (abaqus, "*MATERIAL", "*SURFACE, NAME=all\nEall,\n*MATERIAL", "'Eall' without a side; name its sides S1, S2"),
+        (
+            abaqus,
+            "*MATERIAL",
+            "*ELEMENT, TYPE=U1\n900, 1, 2\n*SURFACE, NAME=all\n900, S1\n*MATERIAL",
+            "element 900 is named, but is of type U1, which is not read",
+        ),
+        (
+            abaqus,
+            "*MATERIAL",
+            "*PART, NAME=a\n*PART, NAME=b\n*NODE\n1, 0, 0, 0\n*MATERIAL",
+            "node 1 appears twice, because each of 2 parts counts its own; Abaqus/CAE writes one list",
+        ),
         (abaqus, "*STEP", "*INCLUDE, INPUT=none.inp\n*STEP", "'none.inp', which is not there"),
         (
             abaqus,
@@ -410,6 +423,34 @@ def test_geometries_and_nested_parts_of_kratos(tmp_path: Path) -> None:
     mesh = read_mesh(tmp_path / "m.mdpa")
     assert lists(mesh.cells) == {"pyramid": [[0, 1, 2, 3, 4]]}
     assert "body" not in mesh.patches
+
+
+def test_what_abaqus_and_calculix_allow_in_an_input(tmp_path: Path) -> None:
+    abaqus(path := tmp_path / "box.inp")
+    text = path.read_text()
+    nodes = text[text.index("*Node, NSET=Nall\n") : text.index("*ELEMENT")]
+    (tmp_path / "nodes.txt").write_text(nodes.partition("\n")[2].replace("0.7", "0.7D0"))
+    text = text.replace(nodes, " *Node, NSET=Nall, Input=nodes.txt\n")
+    text = text.replace("NSET=sides", 'NSET="my sides"').replace(
+        "*MATERIAL", ' *Nset, Nset=all2\n "my sides"\n*MATERIAL'
+    )
+    path.write_text(
+        text.replace("*MATERIAL", "*NSET, NSET=of far, ELSET=far\n*ELEMENT, TYPE=SPRINGA\n900, 1, 2\n*MATERIAL")
+    )
+    mesh = read_mesh(path)
+    assert np.array_equal(mesh.points, POINTS)
+    expected = {"wall": "wall", "far": "far", "of far": "far", "my sides": "sides", "all2": "sides"}
+    assert lists(mesh.patches) == {name: PATCHES[of].tolist() for name, of in expected.items()}
+    assert mesh.notes == ("its elements of type SPRINGA are not read",)
+    with pytest.raises(InvalidInput, match=r"27 of its nodes are in files that it includes"):
+        write_mesh(tmp_path / "moved.inp", mesh)
+    (tmp_path / "plate.inp").write_text(
+        "*NODE\n1, 0, 0\n2, 1, 0\n3, 0, 1\n4, .5, 0\n5, .5, .5\n6, 0, .5\n *ELEMENT, TYPE=STRI65\n1, 1, 2, 3, 4, 5, 6\n"
+    )
+    plate = read_mesh(tmp_path / "plate.inp")
+    assert lists(plate.cells) == {"triangle": [[0, 1, 2]]}
+    write_mesh(tmp_path / "moved.inp", replace(plate, points=plate.points + 1))
+    assert np.array_equal(read_mesh(tmp_path / "moved.inp").points, plate.points + 1)
 
 
 def test_sets_of_abaqus_that_are_generated(tmp_path: Path) -> None:
