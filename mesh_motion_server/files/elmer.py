@@ -22,7 +22,9 @@ __all__ = ["ELMER"]
 #: Shape by the hundreds of a type; its other digits are the number of nodes: 504 is a tetrahedron, 510 one of second
 #: order.
 _SHAPES = {1: "", 2: "line", 3: "triangle", 4: "quad", 5: "tetra", 6: "pyramid", 7: "wedge", 8: "hexahedron"}
-_NAME = re.compile(r"^\s*\$\s*(\S+)\s*=\s*(\d+)", re.MULTILINE)
+_NAME = re.compile(r"^\s*\$\s*(\S.*?)\s*=\s*(\d+)", re.MULTILINE)
+#: ElmerGrid's heading before the names of boundaries; Netgen writes these names only.
+_HEADING = re.compile(r"names\s+for\s+boundaries")
 
 
 def _read(path: Path) -> MeshFile:
@@ -72,9 +74,9 @@ def _elements(path: Path, node_rows: NumberedRows, before: int) -> list[tuple[st
 
 
 def _boundary_names(path: Path) -> dict[int, str]:
-    """{number: name} of the boundaries, which come after their heading in mesh.names; this file may be missing."""
+    """{number: name} of the boundaries, the last names in mesh.names; this file may be missing."""
     text = path.read_text(encoding="utf-8", errors="replace") if path.is_file() else ""
-    return {int(number): name for name, number in _NAME.findall(text.partition("names for boundaries")[2])}
+    return {int(number): name for name, number in _NAME.findall(_HEADING.split(text)[-1])}
 
 
 def _move(source: Path, target: Path, points: Floats) -> None:

@@ -39,6 +39,8 @@ _NAME = re.compile(rb"\s*\(\s*(\d+)\s+(\S+)\s+([^\s()]+)")
 _BRACKET = re.compile(rb'[()]|"(?:[^"\\]|\\.)*"')
 _NODES, _FACES = {10: "", 2010: "f4", 3010: "f8"}, {13: "", 2013: "i4", 3013: "i8"}
 _BODY_END = re.compile(rb"\s*\)(?:\s*End of Binary Section\s+\d+)?\s*\)")
+#: Sections from this number on are binary.
+_BINARY = 2000
 _NAMES, _TREES = (39, 45), (58, 59)
 
 
@@ -94,11 +96,20 @@ def _read_sections(data: bytes) -> _Content:
     while section := _SECTION.match(data, position):
         index = int(section[1])
         header = _HEADER.match(data, section.end())
-        words = header[1].split() if header and index in (*_NODES, *_FACES) else []
-        if header and words and int(words[0], 16) and data[header.end() : header.end() + 1] == b"(":
+        has_body = header is not None and data[header.end() : header.end() + 1] == b"("
+        words = header[1].split() if header and has_body and index in (*_NODES, *_FACES) else []
+        if header and words and int(words[0], 16):
             read = _read_nodes if index in _NODES else _read_faces
             numbers = [int(word, 16) for word in words]
             position = _behind(data, read(content, data, header.end() + 1, numbers, (_NODES | _FACES)[index]))
+            continue
+        if index % 1000 in _TREES:
+            raise ValueError("an adapted mesh with hanging nodes; save it without adaption")
+        if index > _BINARY and has_body:  # brackets in its numbers do not count
+            last = re.compile(rb"\)\s*End of Binary Section\s+%d\s*\)" % index).search(data, section.end())
+            if last is None:
+                raise ValueError(f"the section at byte {section.start()} does not end")
+            position = last.end()
             continue
         position = _end(data, section.start() + data[section.start() : section.end()].index(b"("))
         if index == 2:
@@ -107,8 +118,6 @@ def _read_sections(data: bytes) -> _Content:
                 raise ValueError(f"{content.dimension} dimensions, expected 2 or 3")
         elif index in _NAMES and (name := _NAME.match(data, section.end())):
             content.names[int(name[1])] = name[3].decode("utf-8", errors="replace")
-        elif index in _TREES:
-            raise ValueError("an adapted mesh with hanging nodes; save it without adaption")
     if data[position:].strip():
         raise ValueError(f"no section begins after byte {position}: {data[position : position + 30]!r}")
     return content

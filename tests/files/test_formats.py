@@ -82,6 +82,7 @@ def test_every_format_says_the_same_and_comes_back_with_moved_nodes(tmp_path: Pa
         ("(2 3)", "(2 4)", "4 dimensions, expected 2 or 3"),
         ("(10 (1 1 1b 1 3)", "(10 (1 1 1c 1 3)", "nodes 1 to 28 are 84 coordinates, but 81 follow"),
         ("(13 (5 ", "(58 (1 2 3)(4))\n(13 (5 ", "hanging nodes"),
+        ("(13 (5 ", "(2040 (2 1 8 1)(((((", "the section at byte 1[0-9]+ does not end"),
         ("(13 (5 21", "(13 (5 22", "faces 34 to 36 are 18 numbers, but 24 follow"),
         ("(13 (5 21 24", "(13 (5 22 25", "face 33 is expected, but face 34 follows"),
         ("wall wall 1)())", "wall wall 1)()", "does not end"),
@@ -307,7 +308,14 @@ def test_med_and_exodus_files_that_do_not_fit(tmp_path: Path) -> None:
     one_line(path, "element 1 of type HE8 names node 99")
     med(path)
     changed_hdf5(path, lambda file: file[f"{step}/MAI"].move("HE8", "POE"))
-    one_line(path, "elements of type POE; known are")
+    one_line(path, r"elements of type POE \(polyhedra\); known are")
+    for key, value, message in (("TYP", 1, "'box' is structured"), ("REP", 1, "of the mesh 'box' are cylindrical")):
+        med(path)
+        changed_hdf5(path, lambda file, key=key, value=value: file["ENS_MAA/box"].attrs.update({key: value}))
+        one_line(path, message)
+    med(path)
+    changed_hdf5(path, lambda file: file.pop(step))
+    one_line(path, "the mesh 'box' has no nodes")
     path.write_bytes(path.read_bytes()[:3000])
     one_line(path, "malformed or damaged MED file")
     path = tmp_path / "m.exo"
@@ -563,6 +571,8 @@ def _places(file: Any) -> list[str]:
 
 def test_elmer_folders_that_do_not_fit_and_calculix_input_whatever_it_is_called(tmp_path: Path) -> None:
     elmer(tmp_path / "mesh")
+    (tmp_path / "mesh" / "mesh.names").write_text("$far=1\n$the sides=2\n$wall=3\n")  # as Netgen writes it
+    assert lists(read_mesh(tmp_path / "mesh").patches)["the sides"] == PATCHES["sides"].tolist()
     text = (tmp_path / "mesh" / "mesh.elements").read_text()
     (tmp_path / "mesh" / "mesh.elements").write_text(text.replace("808", "504"))
     one_line(tmp_path / "mesh", "row 1 of mesh.elements is of type 504, but has 8 nodes")

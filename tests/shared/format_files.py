@@ -88,7 +88,7 @@ def fluent(path: Path) -> None:
 
 
 def fluent_binary(path: Path) -> None:
-    """The same with nodes and faces in binary, one zone of faces of any size."""
+    """The same with nodes and faces in binary, one zone of faces of any size; the partitions have the byte of "("."""
     fluent(path)
     text = path.read_bytes()
     begin, end = text.index(b"(10 (1"), text.index(b"(12 (0")
@@ -110,7 +110,8 @@ def fluent_binary(path: Path) -> None:
         head = text[begin:body].replace(b"(13", b"(2013")
         head = head.replace(b" 4)", b" 0)") if size else head
         text = text[:begin] + head + b"(" + packed + b")\nEnd of Binary Section   2013)\n" + text[end:]
-    path.write_bytes(text)
+    partitions = np.full(8, ord("("), "<i4").tobytes()
+    path.write_bytes(text + b"(2040 (2 1 8 1)(" + partitions + b")\nEnd of Binary Section   2040)\n")
 
 
 def fluent_hdf5(path: Path) -> None:
@@ -345,7 +346,7 @@ def foam(path: Path) -> None:
         ("neighbour", "labelList", f"{inner}\n(\n{rows([[face.cells[1]] for face in FACES[:inner]])})\n"),
         ("boundary", "polyBoundaryMesh", f"3\n(\n{patches})\n"),
     ):
-        head = f"FoamFile {{ version 2.0; format ascii; class {kind}; object {name}; }}\n"
+        head = f'FoamFile {{ version 2.0; format ascii; class {kind}; note "{{of}} a }} box;"; object {name}; }}\n'
         (path / name).write_text(head + body)
 
 

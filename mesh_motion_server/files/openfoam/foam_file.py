@@ -25,7 +25,7 @@ from mesh_motion_server.files.packages import check_unpacked, most_unpacked
 __all__ = ["FoamFile", "dictionaries"]
 
 _T = TypeVar("_T", bound=np.generic)
-_HEADER = re.compile(rb"FoamFile\s*\{(.*?)\}", re.DOTALL)
+_HEADER = re.compile(rb'FoamFile\s*\{((?:"[^"]*"|[^"}])*)\}')
 _COMMENT = re.compile(rb"//[^\n]*|/\*.*?\*/", re.DOTALL)
 _GAP = re.compile(rb"(?:\s+|//[^\n]*\n|/\*.*?\*/)*", re.DOTALL)
 _COUNT = re.compile(rb"(\d{1,18})\s*")
