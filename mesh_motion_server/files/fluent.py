@@ -221,7 +221,7 @@ def _read_hdf5(path: Path) -> MeshFile:
         if "meshes" not in file:
             raise InvalidInput(
                 f"{path}: an HDF5 file without Fluent's group 'meshes'",
-                hint="give the .xdmf that it belongs to; the files of other programs end with .cgns, .med or .exo",
+                hint="give the .xdmf that it belongs to; files of other programs end with .cgns, .med, .exo, .vtkhdf",
             )
         faces = file["meshes/1/faces"]
         content = _Content(int(np.ravel(file["meshes/1"].attrs["dimension"])[0]))

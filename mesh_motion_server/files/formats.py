@@ -17,7 +17,7 @@ from mesh_motion_server.files.npz import NPZ
 from mesh_motion_server.files.openfoam.polymesh import FOAM_FILE, OPENFOAM
 from mesh_motion_server.files.su2 import SU2
 from mesh_motion_server.files.unv import UNV
-from mesh_motion_server.files.vtk.reading import VTK, VTU
+from mesh_motion_server.files.vtk.reading import VTK, VTKHDF, VTU
 from mesh_motion_server.files.xdmf import XDMF
 
 __all__ = ["FORMATS"]
@@ -41,7 +41,7 @@ def _named(name: str, suffixes: tuple[str, ...], head: bytes, way_in: str) -> Fo
 FORMATS: tuple[Format, ...] = (
     _named("an empty file", (), rb"\A\Z", "was its program or its copy interrupted?"),
     _named("a packed file", (), rb"\A(\x1f\x8b|BZh\d|\xfd7zXZ|\x28\xb5\x2f\xfd|7z\xbc\xaf)", "unpack it before"),
-    _named("a file in HDF5", (), rb"\A\x89HDF", "give it the ending of its program: .cgns, .med, .exo, .msh.h5"),
+    _named("a file in HDF5", (), rb"\A\x89HDF", "give it the ending of its program: .cgns, .med, .exo, …"),
     _named("a pointer of Git LFS", (), rb"\Aversion https://git-lfs", "the file itself is missing: git lfs pull"),
     _named(
         "a page of the web", (), rb"(?i)\A\s*<(!doctype\s+)?html\b", "the download is no mesh: open it in an editor"
@@ -60,7 +60,7 @@ FORMATS: tuple[Format, ...] = (
     SU2,
     VTU,
     VTK,
-    _named("a VTKHDF file", (".vtkhdf", ".hdf"), rb"\A\x89HDF", "ParaView and PyVista save it with the ending .vtu"),
+    VTKHDF,
     _named("a MOAB mesh", (".h5m",), rb"\A\x89HDF", "MOAB converts it: mbconvert FILE mesh.vtk"),
     CGNS,
     MED,

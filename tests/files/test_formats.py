@@ -29,6 +29,7 @@ from format_files import (
     mfem_by_axes,
     rows,
     universal,
+    vtkhdf,
     xdmf,
     xdmf_binary,
     xdmf_hdf5,
@@ -72,7 +73,7 @@ def test_every_format_says_the_same_and_comes_back_with_moved_nodes(tmp_path: Pa
         np.testing.assert_array_equal(after.cells[kind], nodes)
     assert lists(after.patches) == {key: nodes.tolist() for key, nodes in PATCHES.items()}
     write_mesh(tmp_path / f"back_{name}", replace(after, points=mesh.points))  # nothing but coordinates has changed
-    if path.is_file() and not name.endswith(("h5", "h5.xdmf", ".xmf", "cgns", "med", "exo", ".e", ".npz")):
+    if path.is_file() and not name.endswith(("h5", "hdf", "h5.xdmf", ".xmf", "cgns", "med", "exo", ".e", ".npz")):
         assert (tmp_path / f"back_{name}").read_bytes().split() == path.read_bytes().split()
 
 
@@ -155,7 +156,6 @@ def test_vtk_reads_the_same_cells_of_fluent(tmp_path: Path) -> None:
         ("m.dat", '# by x\nVARIABLES = "X"\n', "a Tecplot file, which is not read"),
         ("m.hmf", "\x89HDF\r\n\x1a\n", r"a file in HDF5, which is not read \(give it the ending"),
         ("m.h5m", "\x89HDF\r\n\x1a\n", r"a MOAB mesh, which is not read \(.*mbconvert"),
-        ("m.vtkhdf", "\x89HDF\r\n\x1a\n", r"a VTKHDF file, which is not read \(ParaView .* save it"),
         ("m.e", "CDF\5", r"a netCDF file of 64-bit numbers \(CDF-5\), which is not read \(nccopy"),
         ("m.pvts", '<VTKFile type="PStructuredGrid"/>', "Append Datasets"),
         ("m.vtu", '<VTKFile type="UnstructuredGrid" compressor="vtkLZ4DataCompressor"/>', "LZ4.*compressor ZLib"),
@@ -205,12 +205,66 @@ def test_an_empty_file_named_foam_is_its_case(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("name", "message"),
-    [("m.h5", "without Fluent's group 'meshes' .*give the .xdmf"), ("m.exo", "neither coord nor coordx")],
+    [
+        ("m.h5", "without Fluent's group 'meshes' .*give the .xdmf"),
+        ("m.exo", "neither coord nor coordx"),
+        ("m.vtkhdf", "without VTK's group 'VTKHDF'"),
+    ],
 )
 def test_hdf5_of_another_program_is_no_damaged_file(tmp_path: Path, name: str, message: str) -> None:
     with pytest.importorskip("h5py").File(tmp_path / name, "w") as file:
         file["points"] = POINTS
     one_line(tmp_path / name, message)
+
+
+def test_vtkhdf_of_vtk_itself(tmp_path: Path) -> None:
+    """Two parts, which are joined; VTK reads what comes back of one."""
+    hdf = pytest.importorskip("vtkmodules.vtkIOHDF")
+    numpy_support = pytest.importorskip("vtkmodules.util.numpy_support")
+    model, extraction = map(pytest.importorskip, ("vtkmodules.vtkCommonDataModel", "vtkmodules.vtkFiltersCore"))
+    vtkhdf(tmp_path / "m.vtkhdf")
+
+    def vtk_reads(path: Path) -> Any:
+        reader = hdf.vtkHDFReader()
+        reader.SetFileName(str(path))
+        reader.Update()
+        return reader.GetOutputDataObject(0)
+
+    grid, parts = vtk_reads(tmp_path / "m.vtkhdf"), model.vtkPartitionedDataSet()
+    for part in range(2):
+        half = extraction.vtkExtractCells()
+        half.SetInputData(grid)
+        half.AddCellRange(4 * part, 4 * part + 3)
+        half.Update()
+        parts.SetPartition(part, half.GetOutput())
+    writer = hdf.vtkHDFWriter()
+    writer.SetFileName(str(tmp_path / "parts.vtkhdf"))
+    writer.SetInputData(parts)
+    writer.Write()
+    mesh = read_mesh(tmp_path / "parts.vtkhdf")
+    assert mesh.notes == ("2 pieces were joined; 9 nodes were in several of them",)
+    assert {name: len(nodes) for name, nodes in mesh.patches.items()} == {name: len(of) for name, of in PATCHES.items()}
+    with pytest.raises(InvalidInput, match="several parts, each with points of its own"):
+        write_mesh(tmp_path / "moved.vtkhdf", mesh)
+    mesh = read_mesh(tmp_path / "m.vtkhdf")
+    write_mesh(tmp_path / "moved.vtkhdf", replace(mesh, points=mesh.points / 3))
+    points = numpy_support.vtk_to_numpy(vtk_reads(tmp_path / "moved.vtkhdf").GetPoints().GetData())
+    np.testing.assert_array_equal(points, POINTS / 3)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda root: root.attrs.update(Type=np.bytes_("PolyData")), "of type 'PolyData', expected UnstructuredGrid"),
+        (lambda root: root["Connectivity"].write_direct(np.full(64, 99)), "names node 99"),
+        (lambda root: root["NumberOfPoints"].write_direct(np.array([99])), "54 rows of an array, expected 99"),
+        (lambda root: root["Types"].write_direct(np.full(8, 42, np.uint8)), r"VTK's type 42 \(polyhedra\)"),
+        (lambda root: root.pop("Types"), "malformed or damaged VTKHDF file: .*Types"),
+    ],
+)
+def test_vtkhdf_files_that_do_not_fit(tmp_path: Path, change: Callable[[Any], None], message: str) -> None:
+    vtkhdf(tmp_path / "m.vtkhdf")
+    one_line(changed_hdf5(tmp_path / "m.vtkhdf", lambda file: change(file["VTKHDF"])), message)
 
 
 def test_su2_with_a_byte_order_mark(tmp_path: Path) -> None:
@@ -1115,6 +1169,59 @@ def test_a_binary_case_of_ensight_is_the_first_of_its_steps(tmp_path: Path, orde
         np.testing.assert_array_equal(found, moved[nodes].astype(np.float32))
 
 
+def _blocks(path: Path, flags: str = "") -> Path:
+    """Two structured parts of 3 × 3 × 2 nodes, the wall as a third one; ids are given."""
+    grid = POINTS.reshape(3, 3, 3, 3).transpose(2, 1, 0, 3)  # z, y, x: the first direction is the fastest
+    text = "blocks\nby hand\nnode id given\nelement id given\n"
+    for number, (name, part) in enumerate([("low", grid[:2]), ("high", grid[1:]), ("wall", grid[:1])], start=1):
+        own = flags if name != "wall" else ""
+        counts = part.shape[2::-1]
+        n_cells = int(np.prod([max(count - 1, 1) for count in counts]))
+        text += f"part\n{number:10}\n{name}\nblock{own}\n" + "".join(f"{count:10}" for count in counts) + "\n"
+        text += "1 3 1 3 1 2\n" if "range" in own else ""
+        text += rows(part.reshape(-1, 3).T.reshape(-1, 1))
+        text += rows([[int(name != "low" or node != 0)] for node in range(18)]) if "iblanked" in own else ""
+        text += (
+            "ghost_flags\n" + rows([[int(name == "high" and cell == 3)] for cell in range(4)]) if "ghost" in own else ""
+        )
+        for what, count in (("node", np.prod(counts)), ("element", n_cells * (name != "high"))):
+            text += f"{what}_ids\n" + rows(np.arange(1, count + 1)[:, None]) if count else "\n# EnSight has no ids\n\n"
+    path.write_text(text)
+    return path
+
+
+@pytest.mark.parametrize(("flags", "n_cells"), [("", 8), (" curvilinear iblanked with_ghost", 6), (" range", 8)])
+def test_structured_parts_of_ensight_are_one_mesh(tmp_path: Path, flags: str, n_cells: int) -> None:
+    mesh = read_mesh(_blocks(tmp_path / "m.geo", flags))
+    order = np.lexsort(mesh.points.T)
+    np.testing.assert_array_equal(mesh.points[order], POINTS[np.lexsort(POINTS.T)])
+    assert {name: len(nodes) for name, nodes in mesh.cells.items()} == {"hexahedron": n_cells}
+    assert set(map(frozenset, order.argsort()[mesh.cells["hexahedron"]].tolist())) <= set(
+        map(frozenset, np.lexsort(POINTS.T).argsort()[CELLS].tolist())
+    )
+    assert sorted(mesh.points[mesh.patches["wall"]].tolist()) == sorted(POINTS[PATCHES["wall"]].tolist())
+    write_mesh(tmp_path / "moved.geo", replace(mesh, points=mesh.points / 3))
+    after = read_mesh(tmp_path / "moved.geo")
+    np.testing.assert_array_equal(after.points, mesh.points / 3)
+    assert lists(after.patches) == lists(mesh.patches)
+
+
+def test_vtk_reads_the_same_structured_parts_of_ensight(tmp_path: Path) -> None:
+    reading = pytest.importorskip("vtkmodules.vtkIOEnSight")
+    numpy_support = pytest.importorskip("vtkmodules.util.numpy_support")
+    _blocks(tmp_path / "m.geo", " iblanked")
+    (tmp_path / "m.case").write_text("FORMAT\ntype: ensight gold\nGEOMETRY\nmodel: m.geo\n")
+    reader = reading.vtkEnSightGoldReader()
+    reader.SetCaseFileName(str(tmp_path / "m.case"))
+    reader.Update()
+    low = reader.GetOutput().GetBlock(0)
+    assert [bool(low.IsCellVisible(cell)) for cell in range(4)] == [False, True, True, True]
+    theirs = numpy_support.vtk_to_numpy(low.GetPoints().GetData())
+    mesh = read_mesh(tmp_path / "m.case")
+    np.testing.assert_array_equal(mesh.points[: len(theirs)].astype(np.float32), theirs)
+    assert mesh.cells["hexahedron"][0].tolist() == [low.GetCell(1).GetPointId(corner) for corner in range(8)]
+
+
 def test_a_copy_of_an_ensight_case_never_replaces_the_geometry(tmp_path: Path) -> None:
     ensight(tmp_path / "wing.geo")
     (tmp_path / "box.case").write_text("FORMAT\ntype: ensight gold\nGEOMETRY\nmodel: wing.geo\n")
@@ -1135,7 +1242,12 @@ def test_a_copy_of_an_ensight_case_never_replaces_the_geometry(tmp_path: Path) -
         ),
         ("hexa8", "nfaced", "elements 'nfaced'; known are point, .*filter Tetrahedralize"),
         ("hexa8", "hexa4", "elements 'hexa4' have too few nodes"),
-        ("coordinates\n27", "block\n3 3 3", "'block' in the part 'internalMesh', .*filter Merge Blocks"),
+        (
+            "coordinates\n27",
+            "block uniform\n3 3 3",
+            "'block uniform' in the part 'internalMesh', .*filter Merge Blocks",
+        ),
+        ("coordinates\n27", "block\n3 3 0", r"the part 'internalMesh' has a block of \[3, 3, 0\] nodes"),
         ("coordinates\n27", "coordinates\n28", "line 37: invalid literal for int.*'0.0'"),
         ("node id given", "node id yes", "'node id yes', expected 'node id' with one of: off"),
         ("quad4\n4", "quad4\n5", "line .*"),
@@ -1156,12 +1268,14 @@ def test_cases_of_ensight_that_do_not_fit_and_parts_elsewhere(tmp_path: Path) ->
     ensight_binary(tmp_path / "cut.geo")
     (tmp_path / "cut.geo").write_bytes((tmp_path / "cut.geo").read_bytes()[:-7])
     one_line(tmp_path / "cut.geo", "the file ends where 64 bytes are expected")
+    (tmp_path / "cut.geo").write_bytes(b"P\0\0\0Fortran Binary".ljust(84) + b"P\0\0\0")
+    one_line(tmp_path / "cut.geo", r"Fortran binary \(ParaView saves it")
     plane = "part\n9\ncut\ncoordinates\n3\n1\n2\n3\n" + "0.1\n0.2\n0.1\n" * 3 + "tria3\n1\n1\n1 2 3\n"
     ensight(tmp_path / "m.geo")
-    (tmp_path / "m.geo").write_text((tmp_path / "m.geo").read_text() + plane)
+    (tmp_path / "m.geo").write_text((tmp_path / "m.geo").read_text().replace("\nwall\n", "\n\n") + plane)
     mesh = read_mesh(tmp_path / "m.geo")
     assert len(mesh.points) == len(POINTS)
-    assert [*mesh.patches] == [*PATCHES]
+    assert [*mesh.patches] == ["far", "sides", "part_4"]
     assert mesh.notes == ("the part 'cut' has nodes that no cell has (1 elements): it is no patch",)
     write_mesh(tmp_path / "moved.geo", replace(mesh, points=POINTS + 0.5))
     assert (tmp_path / "moved.geo").read_text().endswith("\n 0.1\n 0.2\n 0.1\ntria3\n1\n1\n1 2 3\n")

@@ -299,6 +299,26 @@ def vtk(path: Path) -> None:
     )
 
 
+def vtkhdf(path: Path) -> None:
+    """VTK's HDF5 of one part, with the points of a second step."""
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(path, "w") as file:
+        root = file.create_group("VTKHDF")
+        root.attrs.update(Type=np.bytes_("UnstructuredGrid"), Version=[2, 3])
+        for name, count in (("Points", N**3), ("Cells", len(CELLS)), ("ConnectivityIds", CELLS.size)):
+            root[f"NumberOf{name}"] = [count]
+        root["Points"], root["Types"] = np.concatenate([POINTS, 2 * POINTS]), np.full(len(CELLS), 12, np.uint8)
+        root["Connectivity"], root["Offsets"] = CELLS.ravel(), 8 * np.arange(len(CELLS) + 1)
+        for name, nodes in PATCHES.items():
+            root[f"PointData/patch_{name}"] = np.isin(np.arange(N**3), nodes).astype(np.int8)
+        steps = root.create_group("Steps")
+        steps.attrs["NSteps"] = 2
+        steps["Values"], steps["NumberOfParts"], steps["PointOffsets"] = [0.0, 1.0], [1, 1], [0, N**3]
+        steps["PartOffsets"], steps["CellOffsets"], steps["ConnectivityIdOffsets"] = [0, 0], [[0], [0]], [[0], [0]]
+        for name in PATCHES:
+            steps[f"PointDataOffsets/patch_{name}"] = [0, 0]
+
+
 def own(path: Path) -> None:
     write_mesh(path, MeshFile(POINTS, {"hexahedron": CELLS}, PATCHES, path))
 
@@ -507,6 +527,7 @@ WRITERS: dict[str, Callable[[Path], None]] = {
     "box.cgns": cgns,
     "box.vtk": vtk,
     "box.vtu": own,
+    "box.vtkhdf": vtkhdf,
     "box.npz": own,
     "box.su2": su2,
     "box_gmsh.msh": gmsh,
