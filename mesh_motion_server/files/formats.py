@@ -82,6 +82,12 @@ FORMATS: tuple[Format, ...] = (
     _named("a Nastran deck", (".bdf", ".nas"), rb"(?m)^(GRID\*?[ ,]|BEGIN BULK|CEND\b)", _BY_GMSH),
     _named("a Medit mesh", (".mesh", ".meshb"), rb"\A(\s|#.*\n)*MeshVersionFormatted", _BY_GMSH),
     _named("an MFEM mesh of another kind", (".mesh", ".mfem"), rb"\AMFEM ", _BY_MFEM),
+    _named(
+        "a FreeFEM mesh",
+        (".msh",),
+        rb"\A[ \t]*\d+([ \t]+\d+){2}[ \t\r]*\n([ \t]*[-+.\deE]+){2}[ \t]+\d+[ \t\r]*\n",
+        'FreeFEM writes it with its labels: load "iovtk", savevtk("mesh.vtu", Th)',
+    ),
     _named("a Netgen mesh", (".vol",), rb"\A\s*mesh3d", _BY_NETGEN),
     _named("a Tecplot file", (".plt", ".tec"), rb"(?i)\A(#!TDV|(\s|#.*\n)*(TITLE|VARIABLES)\s*=)", _BY_PARAVIEW),
     _named(

@@ -140,6 +140,7 @@ def test_vtk_reads_the_same_cells_of_fluent(tmp_path: Path) -> None:
             "MFEM NURBS mesh v1.0\n",
             r"an MFEM mesh of another kind, which is not read \(versions .* are read; .* MFEM writes",
         ),
+        ("m.msh", "3 1 3\n0 0 1\n1 0 1\n", r"a FreeFEM mesh, which is not read .*savevtk"),
         ("m.vol", "mesh3d\ndimension\n3\n", r"a Netgen mesh, .*Export Mesh"),
         ("m.ccm", "@(#)ADF Database Version A02011>", r"a STAR-CCM\+ mesh, which is not read"),
         ("m.dat", 'TITLE = "x"\n', "a Tecplot file, which is not read"),
@@ -183,7 +184,7 @@ def test_vtk_reads_the_same_cells_of_fluent(tmp_path: Path) -> None:
             '<VTKFile type="ImageData"/>',
             r"a VTK file of type ImageData, .*\(convert it with ParaView's filter Append",
         ),
-        ("m.msh", "hello", r"neither a Gmsh mesh nor a Fluent mesh: it begins with b'hello' .*export one of these"),
+        ("m.msh", "hello", r"neither a Gmsh .* nor a FreeFEM mesh: it begins with b'hello' .*export one of these"),
     ],
 )
 def test_a_file_of_another_kind_is_named(tmp_path: Path, name: str, content: str, message: str) -> None:

@@ -448,6 +448,9 @@ def test_curves_and_surfaces_are_numbered_apart(tmp_path: Path, suffix: str) -> 
         ("netgen:index", [1, 2]),
         ("gmsh:geometrical", [5, 6]),
         ("ObjectId", [1001, 1002]),
+        ("Label", [1, 2]),
+        ("MaterialID", [1, 2]),
+        ("GeometryIds", [101, 102]),
     ],
 )
 def test_what_converters_call_patches_is_a_patch(tmp_path: Path, suffix: str, array: str, values: list[int]) -> None:

@@ -45,6 +45,9 @@ NUMBERED_PATCH_ARRAYS = {
     "medit:ref": "Medit, by meshio",
     "netgen:index": "Netgen, by meshio",
     "ObjectId": "Exodus' sets, by ParaView",
+    "Label": "FreeFEM: labels of faces and edges",
+    "GeometryIds": "Elmer: boundaries, whose numbers follow those of the bodies",
+    "MaterialID": "deal.II: on faces the boundary's number",
     "gmsh:geometrical": "Gmsh, by meshio: surfaces and curves of the geometry",
 }
 #: Our type's name, rows (m,) among all cells, and corner nodes (m, k), for each cell type of a grid.
