@@ -16,6 +16,7 @@ from mesh_motion_server.files.format import Format
 from mesh_motion_server.files.mesh_file import MeshFile, assemble_elements, concatenated
 from mesh_motion_server.files.moved import edit_lines, move_rows
 from mesh_motion_server.files.numbering import NumberedRows
+from mesh_motion_server.files.text import text_of
 
 __all__ = ["ELMER"]
 
@@ -53,7 +54,7 @@ def _read(path: Path) -> MeshFile:
 def _lines(path: Path) -> list[str]:
     if not path.is_file():
         raise ValueError(f"there is no {path.name}")
-    return [line for line in path.read_text(encoding="utf-8", errors="replace").splitlines() if line.strip()]
+    return [line for line in text_of(path.read_bytes()).splitlines() if line.strip()]
 
 
 def _elements(path: Path, node_rows: NumberedRows, before: int) -> list[tuple[str, Integers, Integers]]:
@@ -75,7 +76,7 @@ def _elements(path: Path, node_rows: NumberedRows, before: int) -> list[tuple[st
 
 def _boundary_names(path: Path) -> dict[int, str]:
     """{number: name} of the boundaries, the last names in mesh.names; this file may be missing."""
-    text = path.read_text(encoding="utf-8", errors="replace") if path.is_file() else ""
+    text = text_of(path.read_bytes()) if path.is_file() else ""
     return {int(number): name for name, number in _NAME.findall(_HEADING.split(text)[-1])}
 
 

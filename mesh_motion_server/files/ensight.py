@@ -22,6 +22,7 @@ from mesh_motion_server.files.format import Format
 from mesh_motion_server.files.mesh_file import MeshFile, assemble_elements, by_name
 from mesh_motion_server.files.moved import edit
 from mesh_motion_server.files.replace import replacing
+from mesh_motion_server.files.text import text_of
 from mesh_motion_server.files.vtk.grid import KNOWN_TYPES, structured_cells
 from mesh_motion_server.files.vtk.pieces import numbering
 
@@ -52,7 +53,7 @@ class _Text:
             line = self.lines[self.place].strip()
             self.place += 1
             if free or (line and not line.startswith("#")):
-                return line
+                return text_of(line.encode("utf-8", errors="surrogateescape"))
         return ""
 
     def numbers(self, count: int, kind: type = int) -> NDArray[np.generic]:
@@ -94,7 +95,7 @@ class _Binary:
         del free
         if self.place >= len(self.data):
             return ""
-        return self._take(80).split(b"\0")[0].decode("utf-8", errors="replace").strip()
+        return text_of(self._take(80).split(b"\0")[0]).strip()
 
     def numbers(self, count: int, kind: type = int) -> NDArray[np.generic]:
         found = self._take(4 * count)
@@ -245,7 +246,7 @@ def _geometry(case: Path, content: bytes) -> tuple[Path, str]:
     """The geometry of a case, and a note if it is the first of several."""
     if (found := _MODEL.search(content)) is None:
         raise InvalidInput(f"{case}: no 'model: FILE' in its section GEOMETRY")
-    name = found[2].decode("utf-8", errors="replace").strip('"')
+    name = text_of(found[2]).strip('"')
     pattern = re.compile(re.sub(r"(\\\*)+", r"\\d+", re.escape(Path(name).name)))
     folder = (case.parent / name).parent
     files = sorted(file for file in folder.glob("*") if pattern.fullmatch(file.name)) if folder.is_dir() else []

@@ -24,6 +24,7 @@ from mesh_motion_server.files.polyhedra.cells import find_cells
 from mesh_motion_server.files.polyhedra.face_mesh import from_sides
 from mesh_motion_server.files.polyhedra.pieces import divide
 from mesh_motion_server.files.polyhedra.polygons import polygons
+from mesh_motion_server.files.text import text_of
 
 __all__ = ["FLUENT", "FLUENT_HDF5"]
 
@@ -117,7 +118,7 @@ def _read_sections(data: bytes) -> _Content:
             if content.dimension not in (2, 3):
                 raise ValueError(f"{content.dimension} dimensions, expected 2 or 3")
         elif index in _NAMES and (name := _NAME.match(data, section.end())):
-            content.names[int(name[1])] = name[3].decode("utf-8", errors="replace")
+            content.names[int(name[1])] = text_of(name[3])
     if data[position:].strip():
         raise ValueError(f"no section begins after byte {position}: {data[position : position + 30]!r}")
     return content
@@ -245,7 +246,7 @@ def _read_hdf5(path: Path) -> MeshFile:
             content.faces.append((first, sizes, nodes, both[first - 1 : first - 1 + len(sizes)]))
         topology = faces["zoneTopology"]
         numbers, names = whole_of(path, topology["id"]).tolist(), np.ravel(whole_of(path, topology["name"]))[0]
-        listed = (names.decode("utf-8", errors="replace") if isinstance(names, bytes) else str(names)).split(";")
+        listed = (text_of(names) if isinstance(names, bytes) else str(names)).split(";")
         content.names = dict(zip(numbers, listed, strict=False))
         columns = (whole_of(path, topology[key]).tolist() for key in ("minId", "maxId", "zoneType"))
         content.zones = [_Zone(*row) for row in zip(numbers, *columns, strict=True)]

@@ -24,6 +24,7 @@ from mesh_motion_server.files.mesh_file import MeshFile, all_outside, assemble_e
 from mesh_motion_server.files.moved import edit_lines, move_rows
 from mesh_motion_server.files.numbering import NumberedRows
 from mesh_motion_server.files.sides import ABAQUS, PLANES, SHELLS, SOLIDS, side_nodes
+from mesh_motion_server.files.text import text_of
 
 __all__ = ["ABAQUS_INP"]
 
@@ -109,7 +110,7 @@ def _whole(path: Path, folder: Path, seen: set[Path]) -> str:
         )
         raise ValueError(f"*INCLUDE of {path.name!r}, which is {reason}")
     seen.add(found)
-    text = path.read_text(encoding="utf-8", errors="replace")
+    text = text_of(path.read_bytes())
 
     def inserted(found: re.Match[str]) -> str:
         content = _whole(folder / found[3].strip().strip('"'), folder, seen)

@@ -22,6 +22,7 @@ from mesh_motion_server.files.format import Format
 from mesh_motion_server.files.hdf5 import array_of, opened_hdf5, whole_of
 from mesh_motion_server.files.mesh_file import MeshFile, assemble_elements, by_name, chosen_zone
 from mesh_motion_server.files.moved import copied_hdf5
+from mesh_motion_server.files.text import text_of
 
 __all__ = ["MED"]
 
@@ -125,7 +126,7 @@ def _groups(path: Path, file: Any, mesh: str) -> dict[int, list[str]]:
         for family in families.values():
             names = list(whole_of(path, family["GRO/NOM"])) if "GRO/NOM" in family else []
             found[int(family.attrs["NUM"])] = [
-                np.asarray(name).tobytes().split(b"\0")[0].decode("utf-8", errors="replace").strip() for name in names
+                text_of(np.asarray(name).tobytes().split(b"\0")[0]).strip() for name in names
             ]
     return found
 

@@ -53,6 +53,9 @@ _CORNERS = {
     "pyramid": _CUBE[:5],
 }
 
+#: Files in which the names have another length, or that say their alphabet.
+_BINARY = ("h5", ".e", ".exo", ".med", ".cgns", ".npz", ".vtu", "hdf", "xdmf", ".xmf")
+
 
 @pytest.mark.parametrize("name", WRITERS)
 def test_every_format_says_the_same_and_comes_back_with_moved_nodes(tmp_path: Path, name: str) -> None:
@@ -75,6 +78,19 @@ def test_every_format_says_the_same_and_comes_back_with_moved_nodes(tmp_path: Pa
     write_mesh(tmp_path / f"back_{name}", replace(after, points=mesh.points))  # nothing but coordinates has changed
     if path.is_file() and not name.endswith(("h5", "hdf", "h5.xdmf", ".xmf", "cgns", "med", "exo", ".e", ".npz")):
         assert (tmp_path / f"back_{name}").read_bytes().split() == path.read_bytes().split()
+
+
+@pytest.mark.parametrize("name", [name for name in WRITERS if not name.endswith(_BINARY)])
+def test_names_in_the_alphabet_of_windows_stay_apart(tmp_path: Path, name: str) -> None:
+    path = tmp_path / name
+    WRITERS[name](path)
+    for file in path.iterdir() if path.is_dir() else [path]:
+        content = file.read_bytes().replace(b"wall", "Wände".encode("cp1252"))
+        file.write_bytes(content.replace(b"sides", "Wönde…".encode("cp1252")))
+    mesh = read_mesh(path)
+    assert sorted(mesh.patches) == ["Wände", "Wönde…", "far"]
+    write_mesh(tmp_path / f"moved_{name}", replace(mesh, points=mesh.points + 1))
+    assert lists(read_mesh(tmp_path / f"moved_{name}").patches) == lists(mesh.patches)
 
 
 @pytest.mark.parametrize(

@@ -25,6 +25,7 @@ from mesh_motion_server.files.gmsh.values import AsciiValues, BinaryValues, Valu
 from mesh_motion_server.files.mesh_file import MeshFile, assemble, by_corners, by_name, group_names
 from mesh_motion_server.files.moved import Place, edit, replaced
 from mesh_motion_server.files.numbering import NumberedRows
+from mesh_motion_server.files.text import text_of
 
 __all__ = ["GMSH", "read_gmsh"]
 
@@ -114,7 +115,7 @@ def _read_sections(data: bytes) -> _Content:
             raise ValueError("a partitioned mesh; save it with Mesh.PartitionSplitMeshFiles = 0 and one partition")
         if name == b"PhysicalNames":
             end = end_of(data, name, start)
-            _read_names(content, data[start:end].decode("utf-8", errors="replace"))
+            _read_names(content, text_of(data[start:end]))
         elif name in readers:
             values: Values = BinaryValues(data, start, order, word) if binary else AsciiValues(data, start, name)
             readers[name](content, values)

@@ -21,6 +21,7 @@ from mesh_motion_protocol.errors import InvalidInput
 from numpy.typing import NDArray
 
 from mesh_motion_server.files.packages import check_unpacked, most_unpacked
+from mesh_motion_server.files.text import text_of
 
 __all__ = ["FoamFile", "dictionaries"]
 
@@ -255,7 +256,7 @@ def dictionaries(file: FoamFile) -> list[tuple[str, dict[str, str]]]:
     InvalidInput
         If a bracket is missing.
     """
-    tokens = iter(_TOKEN.findall(_COMMENT.sub(b"", file.body).decode("utf-8", errors="replace")))
+    tokens = iter(_TOKEN.findall(text_of(_COMMENT.sub(b"", file.body))))
     found: list[tuple[str, dict[str, str]]] = []
     first = next(tokens, "")
     if (next(tokens, "") if first.isdigit() else first) != "(":

@@ -11,6 +11,7 @@ from mesh_motion_numerics.arrays import Floats, Integers
 from numpy.typing import NDArray
 
 from mesh_motion_server.files.moved import Place
+from mesh_motion_server.files.text import text_of
 from mesh_motion_server.files.vtk.grid import VtkGrid, structured_cells
 
 __all__ = ["Legacy", "read_legacy"]
@@ -191,7 +192,7 @@ class _Cursor:
         while self.position < len(self._data):
             end = self._data.find(b"\n", self.position)
             end = len(self._data) if end < 0 else end
-            text = self._data[self.position : end].decode("utf-8", errors="replace").strip()
+            text = text_of(self._data[self.position : end]).strip()
             self.position = end + 1
             if text or blank:
                 return text
