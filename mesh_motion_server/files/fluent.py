@@ -316,6 +316,8 @@ def _volume(
     path: Path, points: Floats, nodes: Integers, sizes: Integers, cells: Integers
 ) -> tuple[Floats, dict[str, Integers], _Facets]:
     """Points, cells, and the nodes of faces; a face's normal points into its cell c0."""
+    if (sizes < 3).any():
+        raise ValueError(f"face {int(np.argmax(sizes < 3)) + 1} of a 3D mesh has {int(sizes.min())} nodes")
     mesh, order = from_sides(path, points, nodes, sizes, cells[:, ::-1] - 1)
     pieces, row = divide(mesh, find_cells(mesh)), np.empty(len(order), dtype=np.int64)
     row[order] = np.arange(len(order))

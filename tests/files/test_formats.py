@@ -97,6 +97,11 @@ def test_names_in_the_alphabet_of_windows_stay_apart(tmp_path: Path, name: str) 
     ("old", "new", "message"),
     [
         ("(2 3)", "(2 4)", "4 dimensions, expected 2 or 3"),
+        (
+            "(13 (5 21 24 3 4)(",
+            "(13 (5 21 24 3 2)(1 2 1 0 2 3 1 0 3 4 1 0 4 5 1 0))(0 (",
+            "face 33 of a 3D mesh has 2 nodes",
+        ),
         ("(10 (1 1 1b 1 3)", "(10 (1 1 1c 1 3)", "nodes 1 to 28 are 84 coordinates, but 81 follow"),
         ("(13 (5 ", "(58 (1 2 3)(4))\n(13 (5 ", "hanging nodes"),
         ("(13 (5 ", "(2040 (2 1 8 1)(((((", "the section at byte 1[0-9]+ does not end"),

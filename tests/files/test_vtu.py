@@ -290,6 +290,10 @@ def test_polygons_are_refused_with_the_way_in(tmp_path: Path) -> None:
     (tmp_path / "m.vtk").write_text(text)
     with pytest.raises(InvalidInput, match=r"cells of VTK's type 7 \(polygons\) \(divide such cells"):
         read_mesh(tmp_path / "m.vtk")
+    text = text.replace("CELLS 1 6\n5 0 1 2 3 4\nCELL_TYPES 1\n7", "CELLS 2 9\n4 0 1 3 4\n3 1 2 3\nCELL_TYPES 2\n7\n7")
+    (tmp_path / "m.vtk").write_text(text)
+    cells = read_mesh(tmp_path / "m.vtk").cells
+    assert {name: nodes.tolist() for name, nodes in cells.items()} == {"triangle": [[1, 2, 3]], "quad": [[0, 1, 3, 4]]}
 
 
 def test_a_surface_is_refused(tmp_path: Path) -> None:
