@@ -822,7 +822,8 @@ def test_meshio_writes_a_series_of_steps_of_xdmf(tmp_path: Path, monkeypatch: py
     np.testing.assert_array_equal(read_mesh(tmp_path / "moved.xdmf").points, points / 3)
 
 
-def test_tags_of_fenics_are_patches_and_a_series_is_one_mesh(tmp_path: Path) -> None:
+@pytest.mark.parametrize("space", ["http://www.w3.org/2001/XInclude", "https://www.w3.org/2001/XInclude/"])
+def test_tags_of_fenics_are_patches_and_a_series_is_one_mesh(tmp_path: Path, space: str) -> None:
     """Like dolfinx: tags in a separate grid, without a number type; steps that include the mesh."""
     tags = (
         '<Attribute Name="f" AttributeType="Scalar" Center="Cell">'
@@ -845,7 +846,7 @@ def test_tags_of_fenics_are_patches_and_a_series_is_one_mesh(tmp_path: Path) -> 
         "none.h5:/u</DataItem></Attribute></Grid>"
     )
     text = (
-        '<Xdmf Version="3.0" xmlns:xi="http://www.w3.org/2001/XInclude"><Domain>'
+        f'<Xdmf Version="3.0" xmlns:xi="{space}"><Domain>'
         f'<Grid Name="mesh" GridType="Uniform">{cells}{part}</Grid><Grid Name="tags" GridType="Uniform">'
         '<xi:include xpointer="xpointer(/Xdmf/Domain/Grid/Geometry)"/><Topology TopologyType="PolyLine" '
         'NodesPerElement="2" BaseOffset="1"><DataItem Dimensions="2 2" NumberType="Int" Format="XML">1 2 3 4</DataItem>'
