@@ -274,6 +274,13 @@ def test_vtkhdf_of_vtk_itself(tmp_path: Path) -> None:
     np.testing.assert_array_equal(points, POINTS / 3)
 
 
+def test_a_name_in_vtkhdf_that_is_not_in_utf_8(tmp_path: Path) -> None:
+    vtkhdf(path := tmp_path / "m.vtkhdf")
+    name = "patch_Wände".encode("cp1252")
+    changed_hdf5(path, lambda file: file["VTKHDF/PointData"].create_dataset(name, data=[1] + [0] * 26))
+    assert lists(read_mesh(path).patches)["Wände"] == [0]
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from mesh_motion_server.files.hdf5 import array_of, opened_hdf5, whole_of
 from mesh_motion_server.files.moved import copied_hdf5
+from mesh_motion_server.files.text import text_of
 from mesh_motion_server.files.vtk.grid import VtkGrid
 
 __all__ = ["move_hdf", "read_hdf"]
@@ -76,7 +77,7 @@ def _split(values: NDArray[Any], sizes: list[int]) -> list[NDArray[Any]]:
 def _arrays(path: Path, group: Any, sizes: list[int]) -> dict[str, list[NDArray[Any]]]:
     """The arrays of numbers on points or cells, in parts."""
     return {
-        name: _split(whole_of(path, data), sizes)
-        for name, data in group.items()
+        text_of(name) if isinstance(name, bytes) else name: _split(whole_of(path, data), sizes)
+        for name, data in group.items()  # h5py gives a name that is not in UTF-8 as bytes
         if getattr(getattr(data, "dtype", None), "kind", "") in ("i", "u", "f")
     }
