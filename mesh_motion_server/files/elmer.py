@@ -16,13 +16,16 @@ from mesh_motion_server.files.format import Format
 from mesh_motion_server.files.mesh_file import MeshFile, assemble_elements, concatenated
 from mesh_motion_server.files.moved import edit_lines, move_rows
 from mesh_motion_server.files.numbering import NumberedRows
+from mesh_motion_server.files.text import text_of
 
 __all__ = ["ELMER"]
 
 #: Shape by the hundreds of a type; its other digits are the number of nodes: 504 is a tetrahedron, 510 one of second
 #: order.
 _SHAPES = {1: "", 2: "line", 3: "triangle", 4: "quad", 5: "tetra", 6: "pyramid", 7: "wedge", 8: "hexahedron"}
-_NAME = re.compile(r"^\s*\$\s*(\S+)\s*=\s*(\d+)", re.MULTILINE)
+_NAME = re.compile(r"^\s*\$\s*(\S.*?)\s*=\s*(\d+)", re.MULTILINE)
+#: ElmerGrid's heading before the names of boundaries; Netgen writes these names only.
+_HEADING = re.compile(r"names\s+for\s+boundaries")
 
 
 def _read(path: Path) -> MeshFile:
@@ -51,7 +54,7 @@ def _read(path: Path) -> MeshFile:
 def _lines(path: Path) -> list[str]:
     if not path.is_file():
         raise ValueError(f"there is no {path.name}")
-    return [line for line in path.read_text(encoding="utf-8", errors="replace").splitlines() if line.strip()]
+    return [line for line in text_of(path.read_bytes()).splitlines() if line.strip()]
 
 
 def _elements(path: Path, node_rows: NumberedRows, before: int) -> list[tuple[str, Integers, Integers]]:
@@ -72,9 +75,9 @@ def _elements(path: Path, node_rows: NumberedRows, before: int) -> list[tuple[st
 
 
 def _boundary_names(path: Path) -> dict[int, str]:
-    """{number: name} of the boundaries, which come after their heading in mesh.names; this file may be missing."""
-    text = path.read_text(encoding="utf-8", errors="replace") if path.is_file() else ""
-    return {int(number): name for name, number in _NAME.findall(text.partition("names for boundaries")[2])}
+    """{number: name} of the boundaries, the last names in mesh.names; this file may be missing."""
+    text = text_of(path.read_bytes()) if path.is_file() else ""
+    return {int(number): name for name, number in _NAME.findall(_HEADING.split(text)[-1])}
 
 
 def _move(source: Path, target: Path, points: Floats) -> None:

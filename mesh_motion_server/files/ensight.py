@@ -6,6 +6,7 @@ single precision.
 EnSight User Manual, chapter 9, "EnSight Gold Casefile Format"
 """
 
+import math
 import re
 from collections import defaultdict
 from dataclasses import dataclass, field, replace
@@ -21,6 +22,8 @@ from mesh_motion_server.files.format import Format
 from mesh_motion_server.files.mesh_file import MeshFile, assemble_elements, by_name
 from mesh_motion_server.files.moved import edit
 from mesh_motion_server.files.replace import replacing
+from mesh_motion_server.files.text import text_of
+from mesh_motion_server.files.vtk.grid import KNOWN_TYPES, structured_cells
 from mesh_motion_server.files.vtk.pieces import numbering
 
 __all__ = ["ENSIGHT", "ENSIGHT_GEOMETRY"]
@@ -28,6 +31,7 @@ __all__ = ["ENSIGHT", "ENSIGHT_GEOMETRY"]
 _SHAPES = {"point": "", "bar": "line", "tria": "triangle", "quad": "quad", "tetra": "tetra", "pyramid": "pyramid",
            "penta": "wedge", "hexa": "hexahedron"}  # fmt: skip
 _ELEMENTS = re.compile(r"(g_)?([a-z]+?)(\d*)")
+_BLOCK = re.compile(r"block((?:\s+(?:curvilinear|iblanked|with_ghost|range))*)")
 _MODEL = re.compile(rb"(?im)^(\s*model:(?:[ \t]+\d+){0,2}[ \t]+)(\"[^\"\n]+\"|[^\s\"]+)(.*)$")
 
 
@@ -37,30 +41,36 @@ class _Text:
     def __init__(self, data: bytes) -> None:
         self.lines = data.decode("utf-8", errors="surrogateescape").splitlines(keepends=True)
         self.place = 0
+        self._ends: dict[int, int] = {}  # of the rows of numbers, by their first line
 
     @property
     def where(self) -> str:
         return f"line {self.place}"
 
-    def text(self) -> str:
-        """The next line; "" after the last one."""
-        self.place += 1
-        return self.lines[self.place - 1].strip() if self.place <= len(self.lines) else ""
+    def text(self, *, free: bool = False) -> str:
+        """The next line, of ``free`` text or one that is neither blank nor a comment; "" after the last one."""
+        while self.place < len(self.lines):
+            line = self.lines[self.place].strip()
+            self.place += 1
+            if free or (line and not line.startswith("#")):
+                return text_of(line.encode("utf-8", errors="surrogateescape"))
+        return ""
 
     def numbers(self, count: int, kind: type = int) -> NDArray[np.generic]:
-        found: list[float] = []
+        found, begin = list[float](), self.place
         while len(found) < count:
             if self.place >= len(self.lines):
                 raise ValueError(f"the file ends where {count - len(found)} more numbers are expected")
             found += map(kind, self.text().split())
         if len(found) > count:
             raise ValueError(f"{len(found)} numbers, expected {count}")
+        self._ends[begin] = self.place
         return np.array(found, dtype=kind)
 
     def changed(self, places: list[tuple[int, Floats]]) -> bytes:
         """The file with other numbers, one a line, from these lines on."""
-        for place, values in places:
-            self.lines[place : place + len(values)] = [f" {value!r}\n" for value in values.tolist()]
+        for place, values in sorted(places, key=lambda one: -one[0]):
+            self.lines[place : self._ends[place]] = [f" {value!r}\n" for value in values.tolist()]
         return "".join(self.lines).encode("utf-8", errors="surrogateescape")
 
 
@@ -80,11 +90,12 @@ class _Binary:
             raise ValueError(f"the file ends where {size} bytes are expected")
         return self.data[self.place - size : self.place]
 
-    def text(self) -> str:
+    def text(self, *, free: bool = False) -> str:
         """The next text; "" after the last one."""
+        del free
         if self.place >= len(self.data):
             return ""
-        return self._take(80).split(b"\0")[0].decode("utf-8", errors="replace").strip()
+        return text_of(self._take(80).split(b"\0")[0]).strip()
 
     def numbers(self, count: int, kind: type = int) -> NDArray[np.generic]:
         found = self._take(4 * count)
@@ -119,6 +130,8 @@ def _dimension(name: str) -> int:
 
 def _parts(path: Path) -> tuple[_Text | _Binary, list[_Part]]:
     data = path.read_bytes()
+    if data[4:18].lower() == b"fortran binary":
+        raise InvalidInput(f"{path}: EnSight's Fortran binary", hint="ParaView saves it with the ending .vtu")
     file = _Binary(data) if data[:8].lower() == b"c binary" else _Text(data)
     try:
         return file, _content(file)
@@ -127,9 +140,9 @@ def _parts(path: Path) -> tuple[_Text | _Binary, list[_Part]]:
 
 
 def _content(file: _Text | _Binary) -> list[_Part]:
-    head = [file.text() for _ in range(2)]
-    if head[0].upper() == "BEGIN TIME STEP":
-        file.text()
+    if file.text(free=True).upper() == "BEGIN TIME STEP":
+        file.text(free=True)
+    file.text(free=True)
     nodes_given, elements_given = (_given(kind, file.text()) for kind in ("node", "element"))
     parts: list[_Part] = []
     line = file.text()
@@ -138,15 +151,18 @@ def _content(file: _Text | _Binary) -> list[_Part]:
         line = file.text()
     while line and line.upper() != "END TIME STEP":
         if line.lower() == "part":
-            file.numbers(1)
-            name, kind = file.text(), file.text()
+            number = int(file.numbers(1)[0])
+            name, kind = file.text(free=True) or f"part_{number}", file.text()
+            if block := _BLOCK.fullmatch(kind.lower()):
+                parts.append(_block(file, name, block[1].split()))
+                line = file.text()
+                continue
             if kind.lower() != "coordinates":
                 raise ValueError(f"{kind[:40]!r} in the part {name!r}, expected its 'coordinates'{_ways(kind)}")
             count = int(file.numbers(1)[0])
             if nodes_given:
                 file.numbers(count)
-            axes = [(file.place, file.numbers(count, float).astype(np.float64)) for _ in range(3)]
-            parts.append(_Part(name, np.column_stack([of for _, of in axes]), [place for place, _ in axes]))
+            parts.append(_coordinates(file, name, count))
         elif (match := _ELEMENTS.fullmatch(line.lower())) and parts:
             parts[-1].elements += _elements(file, match, parts[-1], elements_given)
         else:
@@ -154,6 +170,38 @@ def _content(file: _Text | _Binary) -> list[_Part]:
             raise ValueError(f"{line[:40]!r}, expected a part or a type of elements{of_six}")
         line = file.text()
     return parts
+
+
+def _coordinates(file: _Text | _Binary, name: str, count: int) -> _Part:
+    """A part with the nodes that follow: all x, all y, all z."""
+    axes = [(file.place, file.numbers(count, float).astype(np.float64)) for _ in range(3)]
+    return _Part(name, np.column_stack([of for _, of in axes]), [place for place, _ in axes])
+
+
+def _block(file: _Text | _Binary, name: str, flags: list[str]) -> _Part:
+    """A structured part, the first direction fastest, without cells that have a blanked node or are ghosts."""
+    counts = file.numbers(3).astype(np.int64).tolist()
+    if "range" in flags:
+        low, high = file.numbers(6).astype(np.int64).reshape(3, 2).T
+        counts = (high - low + 1).tolist()
+    if min(counts) < 1:
+        raise ValueError(f"the part {name!r} has a block of {counts} nodes")
+    part = _coordinates(file, name, math.prod(counts))
+    code, nodes = structured_cells(counts)
+    kept = np.ones(len(nodes), dtype=bool)
+    if "iblanked" in flags:
+        kept &= (file.numbers(len(part.points))[nodes] != 0).all(axis=1)
+    if "with_ghost" in flags:
+        file.text()  # ghost_flags
+        kept &= file.numbers(len(nodes)) == 0
+    for what, count in (("node_ids", len(part.points)), ("element_ids", len(nodes))):
+        place = file.place
+        if file.text().lower() == what:
+            file.numbers(count)
+        else:  # EnSight itself leaves them out
+            file.place = place
+    part.elements.append((KNOWN_TYPES.get(code, ""), nodes[kept]))
+    return part
 
 
 def _given(kind: str, line: str) -> bool:
@@ -198,7 +246,7 @@ def _geometry(case: Path, content: bytes) -> tuple[Path, str]:
     """The geometry of a case, and a note if it is the first of several."""
     if (found := _MODEL.search(content)) is None:
         raise InvalidInput(f"{case}: no 'model: FILE' in its section GEOMETRY")
-    name = found[2].decode("utf-8", errors="replace").strip('"')
+    name = text_of(found[2]).strip('"')
     pattern = re.compile(re.sub(r"(\\\*)+", r"\\d+", re.escape(Path(name).name)))
     folder = (case.parent / name).parent
     files = sorted(file for file in folder.glob("*") if pattern.fullmatch(file.name)) if folder.is_dir() else []
@@ -290,7 +338,7 @@ ENSIGHT = Format(
 ENSIGHT_GEOMETRY = Format(
     "EnSight's geometry",
     (".geo",),
-    re.compile(rb"(?i)\A(C Binary|(BEGIN TIME STEP.*\n)?.*\n.*\n\s*node id )"),
+    re.compile(rb"(?i)\A(C Binary|[\s\S]{4}Fortran Binary|(BEGIN TIME STEP.*\n)?.*\n.*\n\s*node id )"),
     _read,
     move=_move,
 )

@@ -26,6 +26,7 @@ from mesh_motion_server.files.packages import check_unpacked, reason_of
 from mesh_motion_server.files.replace import replacing
 from mesh_motion_server.files.sides import BEAMS, SHELLS, Sides, side_nodes
 from mesh_motion_server.files.sides import EXODUS as SIDES
+from mesh_motion_server.files.text import text_of
 
 __all__ = ["EXODUS"]
 
@@ -178,8 +179,7 @@ def _own_name(data: dict[str, Any], kind: str, number: int) -> str:
     names = np.asarray(data.get(f"{kind}_names", ([],))[0])
     if number > len(names):
         return ""
-    name: str = names[number - 1].tobytes().split(b"\0")[0].decode("utf-8", errors="replace").strip()
-    return name
+    return text_of(names[number - 1].tobytes().split(b"\0")[0]).strip()
 
 
 def _move(source: Path, target: Path, points: Floats) -> None:

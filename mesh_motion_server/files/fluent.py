@@ -24,6 +24,7 @@ from mesh_motion_server.files.polyhedra.cells import find_cells
 from mesh_motion_server.files.polyhedra.face_mesh import from_sides
 from mesh_motion_server.files.polyhedra.pieces import divide
 from mesh_motion_server.files.polyhedra.polygons import polygons
+from mesh_motion_server.files.text import text_of
 
 __all__ = ["FLUENT", "FLUENT_HDF5"]
 
@@ -40,6 +41,8 @@ _NAME = re.compile(rb"\s*\(\s*(\d+)\s+(\S+)\s+([^\s()]+)")
 _BRACKET = re.compile(rb'[()]|"(?:[^"\\]|\\.)*"')
 _NODES, _FACES = {10: "", 2010: "f4", 3010: "f8"}, {13: "", 2013: "i4", 3013: "i8"}
 _BODY_END = re.compile(rb"\s*\)(?:\s*End of Binary Section\s+\d+)?\s*\)")
+#: Sections from this number on are binary.
+_BINARY = 2000
 _NAMES, _TREES = (39, 45), (58, 59)
 
 
@@ -95,11 +98,20 @@ def _read_sections(data: bytes) -> _Content:
     while section := _SECTION.match(data, position):
         index = int(section[1])
         header = _HEADER.match(data, section.end())
-        words = header[1].split() if header and index in (*_NODES, *_FACES) else []
-        if header and words and int(words[0], 16) and data[header.end() : header.end() + 1] == b"(":
+        has_body = header is not None and data[header.end() : header.end() + 1] == b"("
+        words = header[1].split() if header and has_body and index in (*_NODES, *_FACES) else []
+        if header and words and int(words[0], 16):
             read = _read_nodes if index in _NODES else _read_faces
             numbers = [int(word, 16) for word in words]
             position = _behind(data, read(content, data, header.end() + 1, numbers, (_NODES | _FACES)[index]))
+            continue
+        if index % 1000 in _TREES:
+            raise ValueError("an adapted mesh with hanging nodes; save it without adaption")
+        if index > _BINARY and has_body:  # brackets in its numbers do not count
+            last = re.compile(rb"\)\s*End of Binary Section\s+%d\s*\)" % index).search(data, section.end())
+            if last is None:
+                raise ValueError(f"the section at byte {section.start()} does not end")
+            position = last.end()
             continue
         position = _end(data, section.start() + data[section.start() : section.end()].index(b"("))
         if index == 2:
@@ -107,9 +119,7 @@ def _read_sections(data: bytes) -> _Content:
             if content.dimension not in (2, 3):
                 raise ValueError(f"{content.dimension} dimensions, expected 2 or 3")
         elif index in _NAMES and (name := _NAME.match(data, section.end())):
-            content.names[int(name[1])] = name[3].decode("utf-8", errors="replace")
-        elif index in _TREES:
-            raise ValueError("an adapted mesh with hanging nodes; save it without adaption")
+            content.names[int(name[1])] = text_of(name[3])
     if data[position:].strip():
         raise ValueError(f"no section begins after byte {position}: {data[position : position + 30]!r}")
     return content
@@ -213,7 +223,7 @@ def _read_hdf5(path: Path) -> MeshFile:
         if "meshes" not in file:
             raise InvalidInput(
                 f"{path}: an HDF5 file without Fluent's group 'meshes'",
-                hint="give the .xdmf that it belongs to; the files of other programs end with .cgns, .med or .exo",
+                hint="give the .xdmf that it belongs to; files of other programs end with .cgns, .med, .exo, .vtkhdf",
             )
         faces = file["meshes/1/faces"]
         content = _Content(int(np.ravel(file["meshes/1"].attrs["dimension"])[0]))
@@ -237,7 +247,7 @@ def _read_hdf5(path: Path) -> MeshFile:
             content.faces.append((first, sizes, nodes, both[first - 1 : first - 1 + len(sizes)]))
         topology = faces["zoneTopology"]
         numbers, names = whole_of(path, topology["id"]).tolist(), np.ravel(whole_of(path, topology["name"]))[0]
-        listed = (names.decode("utf-8", errors="replace") if isinstance(names, bytes) else str(names)).split(";")
+        listed = (text_of(names) if isinstance(names, bytes) else str(names)).split(";")
         content.names = dict(zip(numbers, listed, strict=False))
         columns = (whole_of(path, topology[key]).tolist() for key in ("minId", "maxId", "zoneType"))
         content.zones = [_Zone(*row) for row in zip(numbers, *columns, strict=True)]
@@ -307,6 +317,8 @@ def _volume(
     path: Path, points: Floats, nodes: Integers, sizes: Integers, cells: Integers
 ) -> tuple[Floats, dict[str, Integers], _Facets]:
     """Points, cells, and the nodes of faces; a face's normal points into its cell c0."""
+    if (sizes < 3).any():
+        raise ValueError(f"face {int(np.argmax(sizes < 3)) + 1} of a 3D mesh has {int(sizes.min())} nodes")
     mesh, order = from_sides(path, points, nodes, sizes, cells[:, ::-1] - 1)
     pieces, row = divide(mesh, find_cells(mesh)), np.empty(len(order), dtype=np.int64)
     row[order] = np.arange(len(order))

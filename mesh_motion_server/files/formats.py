@@ -17,7 +17,7 @@ from mesh_motion_server.files.npz import NPZ
 from mesh_motion_server.files.openfoam.polymesh import FOAM_FILE, OPENFOAM
 from mesh_motion_server.files.su2 import SU2
 from mesh_motion_server.files.unv import UNV
-from mesh_motion_server.files.vtk.reading import VTK, VTU
+from mesh_motion_server.files.vtk.reading import VTK, VTKHDF, VTU
 from mesh_motion_server.files.xdmf import XDMF
 
 __all__ = ["FORMATS"]
@@ -28,6 +28,7 @@ _BY_GMSH = (
 )
 _BY_MFEM = "versions 1.0, 1.2 and 1.3 are read; Mesh::PrintVTK of MFEM writes a mesh for other programs"
 _BY_PARAVIEW = "ParaView reads it: filter Merge Blocks, then File, Save Data, with the ending .vtu"
+_BY_NETGEN = "Netgen writes it with the names of its surfaces: File, Export Mesh, Abaqus Format, with the ending .inp"
 _BY_MESHIO = "meshio reads it: pip install meshio, meshio convert FILE mesh.vtu"
 _BY_ITS_PROGRAM = "its program exports formats that are read, for example CGNS or Fluent's .msh"
 
@@ -40,7 +41,7 @@ def _named(name: str, suffixes: tuple[str, ...], head: bytes, way_in: str) -> Fo
 FORMATS: tuple[Format, ...] = (
     _named("an empty file", (), rb"\A\Z", "was its program or its copy interrupted?"),
     _named("a packed file", (), rb"\A(\x1f\x8b|BZh\d|\xfd7zXZ|\x28\xb5\x2f\xfd|7z\xbc\xaf)", "unpack it before"),
-    _named("a file in HDF5", (), rb"\A\x89HDF", "give it the ending of its program: .cgns, .med, .exo, .msh.h5"),
+    _named("a file in HDF5", (), rb"\A\x89HDF", "give it the ending of its program: .cgns, .med, .exo, …"),
     _named("a pointer of Git LFS", (), rb"\Aversion https://git-lfs", "the file itself is missing: git lfs pull"),
     _named(
         "a page of the web", (), rb"(?i)\A\s*<(!doctype\s+)?html\b", "the download is no mesh: open it in an editor"
@@ -59,7 +60,7 @@ FORMATS: tuple[Format, ...] = (
     SU2,
     VTU,
     VTK,
-    _named("a VTKHDF file", (".vtkhdf", ".hdf"), rb"\A\x89HDF", "ParaView and PyVista save it with the ending .vtu"),
+    VTKHDF,
     _named("a MOAB mesh", (".h5m",), rb"\A\x89HDF", "MOAB converts it: mbconvert FILE mesh.vtk"),
     CGNS,
     MED,
@@ -81,7 +82,13 @@ FORMATS: tuple[Format, ...] = (
     _named("a Nastran deck", (".bdf", ".nas"), rb"(?m)^(GRID\*?[ ,]|BEGIN BULK|CEND\b)", _BY_GMSH),
     _named("a Medit mesh", (".mesh", ".meshb"), rb"\A(\s|#.*\n)*MeshVersionFormatted", _BY_GMSH),
     _named("an MFEM mesh of another kind", (".mesh", ".mfem"), rb"\AMFEM ", _BY_MFEM),
-    _named("a Netgen mesh", (".vol",), rb"\A\s*mesh3d", "Netgen writes it for Gmsh: File, Export Mesh, Gmsh2 Format"),
+    _named(
+        "a FreeFEM mesh",
+        (".msh",),
+        rb"\A[ \t]*\d+([ \t]+\d+){2}[ \t\r]*\n([ \t]*[-+.\deE]+){2}[ \t]+\d+[ \t\r]*\n",
+        'FreeFEM writes it with its labels: load "iovtk", savevtk("mesh.vtu", Th)',
+    ),
+    _named("a Netgen mesh", (".vol",), rb"\A\s*mesh3d", _BY_NETGEN),
     _named("a Tecplot file", (".plt", ".tec"), rb"(?i)\A(#!TDV|(\s|#.*\n)*(TITLE|VARIABLES)\s*=)", _BY_PARAVIEW),
     _named(
         "an AVS UCD file",

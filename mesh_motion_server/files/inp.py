@@ -24,22 +24,26 @@ from mesh_motion_server.files.mesh_file import MeshFile, all_outside, assemble_e
 from mesh_motion_server.files.moved import edit_lines, move_rows
 from mesh_motion_server.files.numbering import NumberedRows
 from mesh_motion_server.files.sides import ABAQUS, PLANES, SHELLS, SOLIDS, side_nodes
+from mesh_motion_server.files.text import text_of
 
 __all__ = ["ABAQUS_INP"]
 
-#: A type's name ends with its number of nodes and letters for the integration: C3D8, C3D20R, CPS4, STRI65, F3D8.
+#: A type's name ends with its number of nodes and letters for the integration: C3D8, C3D20R, CPS4, F3D8, STRI65.
 _LINES = {2: "line", 3: "line"}
 _FAMILIES = (
-    (re.compile(r"(?:[DA]?C3D|F3D|FC3D|SC)(\d+)"), SOLIDS, False),
+    (re.compile(r"(?:[DAEQ]?C3D|F3D|FC3D|CSS|SC)(\d+)"), SOLIDS, False),
     (re.compile(r"(?:[DA]?C(?:PS|PE|PEG|AX|2D)|F2D|MAX)(\d+)"), PLANES, False),
-    (re.compile(r"(?:M3D|SFM3D|R3D|DS|STRI|[SM])(\d+)"), PLANES, True),  # two faces, and edges
+    (re.compile(r"(?:M3D|SFM3D|R3D|DS|STRI|[SM])(\d)"), PLANES, True),  # two faces, and edges
     (re.compile(r"[TR][23]D(\d+)"), _LINES, False),
 )
 #: Keywords that make nodes or elements out of those that are listed.
 _MAKING = {"NGEN", "NFILL", "NCOPY", "NMAP", "ELGEN", "ELCOPY"}
 _ALL_LISTED = "Abaqus/CAE writes one list of nodes with noPartsInputFile=ON, under Model, Edit Attributes"
 
-_INCLUDE = re.compile(r"(?im)^\*INCLUDE\s*,\s*INPUT\s*=\s*(.+?)\s*$")
+#: A keyword whose data are in another file; ``*INCLUDE`` has that file instead.
+_INPUT = re.compile(
+    r"(?im)^[ \t]*\*(INCLUDE|NODE|ELEMENT|NSET|ELSET|SURFACE)\b(.*?),\s*INPUT\s*=\s*(\"[^\"\n]*\"|[^,\n]+)(.*)$"
+)
 
 
 #: Largest number of numbers that a set may name in one line; most of them may not exist.
@@ -63,7 +67,9 @@ class _Content:
     """The content read so far; numbers of nodes and elements are those of the file.
 
     of_nodes, of_elements : sets that are named where their nodes or elements are
-    instances : names of instances of parts
+    nodes_of : the sets of elements that sets of nodes name, ``*NSET, NSET=A, ELSET=B``
+    parts, instances : names of parts, and of instances of parts
+    left_out : {type of elements that are not read: their numbers}
     """
 
     numbers: list[Integers] = field(default_factory=list)
@@ -74,7 +80,10 @@ class _Content:
     of_elements: set[str] = field(default_factory=set)
     element_sets: dict[str, list[_Item]] = field(default_factory=lambda: defaultdict(list))
     surfaces: dict[str, list[tuple[str, str]]] = field(default_factory=lambda: defaultdict(list))
+    nodes_of: dict[str, list[str]] = field(default_factory=lambda: defaultdict(list))
+    parts: list[str] = field(default_factory=list)
     instances: list[str] = field(default_factory=list)
+    left_out: dict[str, set[int]] = field(default_factory=lambda: defaultdict(set))
 
 
 def _read(path: Path) -> MeshFile:
@@ -101,8 +110,13 @@ def _whole(path: Path, folder: Path, seen: set[Path]) -> str:
         )
         raise ValueError(f"*INCLUDE of {path.name!r}, which is {reason}")
     seen.add(found)
-    text = path.read_text(encoding="utf-8", errors="replace")
-    return _INCLUDE.sub(lambda name: _whole(folder / name[1].strip('"'), folder, seen), text)
+    text = text_of(path.read_bytes())
+
+    def inserted(found: re.Match[str]) -> str:
+        content = _whole(folder / found[3].strip().strip('"'), folder, seen)
+        return content if found[1].upper() == "INCLUDE" else f"*{found[1]}{found[2]}{found[4]}\n{content}"
+
+    return _INPUT.sub(inserted, text)
 
 
 def _blocks(text: str) -> Iterator[tuple[int, str, dict[str, str], list[str]]]:
@@ -130,6 +144,8 @@ def _content(text: str) -> _Content:
     for number, keyword, given, lines in _blocks(text):
         try:
             match keyword:
+                case "PART":
+                    found.parts.append(given["NAME"])
                 case "INSTANCE":
                     _add_instance(found, given["NAME"], moved=bool(lines))
                 case _ if keyword in _MAKING:
@@ -137,25 +153,16 @@ def _content(text: str) -> _Content:
                 case "SYSTEM" if lines:
                     raise ValueError("nodes in a local coordinate system; write them in global coordinates")
                 case "NODE":
-                    if given.get("SYSTEM", "R").upper() != "R":
-                        raise ValueError(f"SYSTEM={given['SYSTEM']}, expected Cartesian coordinates")
-                    rows = [_words(line) for line in lines]
-                    found.numbers.append(np.array([int(row[0]) for row in rows], dtype=np.int64))
-                    xyz = [[float(v) for v in (row[1:4] + ["0"] * 3)[:3]] for row in rows]
-                    found.points.append(np.array(xyz, dtype=np.float64).reshape(-1, 3))
-                    found.of_nodes.add(given.get("NSET", ""))
-                    found.node_sets[given.get("NSET", "")] += found.numbers[-1].tolist()
+                    _add_nodes(found, given, lines)
                 case "ELEMENT":
                     _add_elements(found, given, lines)
                 case "NSET" | "ELSET":
                     sets = found.node_sets if keyword == "NSET" else found.element_sets
                     sets[given[keyword]] += _listed(found, lines, generate="GENERATE" in given)
+                    if keyword == "NSET" and "ELSET" in given:
+                        found.nodes_of[given["NSET"]].append(given["ELSET"])
                 case "SURFACE":
-                    rows = [_words(line) for line in lines]
-                    if given.get("TYPE", "ELEMENT").upper() == "NODE":
-                        found.node_sets[given["NAME"]] += [item for row in rows for item in _items(found, row[:1])]
-                    else:
-                        found.surfaces[given["NAME"]] += [(_plain(found, row[0]), row[1]) for row in rows]
+                    _add_surface(found, given, lines)
         except (ValueError, IndexError, KeyError) as error:
             raise ValueError(f"*{keyword} in line {number}: {error}") from None
     found.node_sets.pop("", None)
@@ -171,8 +178,34 @@ def _add_instance(found: _Content, name: str, *, moved: bool) -> None:
         raise ValueError(f"{name!r} {what}, but one that stays is read; {_ALL_LISTED}")
 
 
+def _add_nodes(found: _Content, given: dict[str, str], lines: list[str]) -> None:
+    if given.get("SYSTEM", "R").upper() != "R":
+        raise ValueError(f"SYSTEM={given['SYSTEM']}, expected Cartesian coordinates")
+    rows = [_words(line) for line in lines]
+    found.numbers.append(np.array([int(row[0]) for row in rows], dtype=np.int64))
+    xyz = [[_real(word) for word in (row[1:4] + ["0"] * 3)[:3]] for row in rows]
+    found.points.append(np.array(xyz, dtype=np.float64).reshape(-1, 3))
+    found.of_nodes.add(given.get("NSET", ""))
+    found.node_sets[given.get("NSET", "")] += found.numbers[-1].tolist()
+
+
+def _add_surface(found: _Content, given: dict[str, str], lines: list[str]) -> None:
+    rows = [_words(line) for line in lines]
+    if given.get("TYPE", "ELEMENT").upper() == "NODE":
+        found.node_sets[given["NAME"]] += [item for row in rows for item in _items(found, row[:1])]
+        return
+    if bare := next((row for row in rows if len(row) < 2), None):
+        raise ValueError(f"{bare[0]!r} without a side; name its sides S1, S2, …")
+    found.surfaces[given["NAME"]] += [(_plain(found, row[0]), row[1]) for row in rows]
+
+
 def _words(line: str) -> list[str]:
-    return [word.strip() for word in line.split(",") if word.strip()]
+    return [word.strip().strip('"') for word in line.split(",") if word.strip()]
+
+
+def _real(word: str) -> float:
+    """A number, of which Fortran may have written the exponent: 1.5D-3."""
+    return float(word.upper().replace("D", "E"))
 
 
 def _plain(found: _Content, word: str) -> str:
@@ -208,6 +241,7 @@ def _add_elements(found: _Content, given: dict[str, str], lines: list[str]) -> N
         ((int(match[1]), types, shell) for match, types, shell in matches if match), (0, {}, False)
     )
     if size not in types:
+        found.left_out[kind] |= {int(words[0]) for line in lines if (words := _words(line)) and words[0].isdecimal()}
         return
     flat = np.array([int(word) for line in lines for word in _words(line)], dtype=np.int64)
     if len(flat) % (size + 1):
@@ -237,11 +271,16 @@ def _numbers(item: int | range) -> Integers:
 
 def _mesh(path: Path, found: _Content) -> MeshFile:
     if not found.points or not found.elements:
+        what = f"; its elements are of type {', '.join(sorted(found.left_out))}" if found.left_out else ""
         raise InvalidInput(
-            f"{path}: no nodes, or no elements of a volume or a plane",
+            f"{path}: no nodes, or no elements of a volume or a plane{what}",
             hint="beams, springs and networks are no cells: give the mesh of the space that moves",
         )
-    rows, points = NumberedRows.of(np.concatenate(found.numbers)), np.concatenate(found.points)
+    try:
+        rows, points = NumberedRows.of(np.concatenate(found.numbers)), np.concatenate(found.points)
+    except ValueError as error:
+        apart = f", because each of {len(found.parts)} parts counts its own; {_ALL_LISTED}"
+        raise ValueError(f"{error}{apart if len(found.parts) > 1 else ''}") from None
     blocks = [replace(block, nodes=rows(block.nodes)) for block in found.elements]
     cells = [(block.name, block.nodes) for block in blocks]
     dimension = max(CELL_TYPES[name].dimension for name, _ in cells)
@@ -249,13 +288,17 @@ def _mesh(path: Path, found: _Content) -> MeshFile:
     for name, parts in found.surfaces.items():
         for items, side in parts:
             own = np.array([int(items)]) if items.isdigit() else _flat(found.element_sets, items)
+            _require_read(found, own)
             for of in _surface(blocks, own, side, plane=dimension == 2):
                 parts_of[name].append((dimension - 1, of.ravel()))
     for name in found.node_sets:
-        own = np.unique(_flat(found.node_sets, name))
+        of_elements = [_flat(found.element_sets, other) for other in found.nodes_of.get(name, ())]
+        nodes = [block.nodes[np.isin(block.ids, of)].ravel() for of in of_elements for block in blocks]
+        listed = rows(_flat(found.node_sets, name), f"set {name!r}: node")
+        own = np.unique(np.concatenate([listed, *nodes]))
         # the set of all nodes is no patch, except that of both sides of one layer of elements
         if len(own) < len(points) or (name not in found.of_nodes and all_outside(cells, len(points))):
-            parts_of[name].append((0, rows(own, f"set {name!r}: node")))
+            parts_of[name].append((0, own))
     for name, own in _sides(found, blocks, dimension).items():
         for block in blocks:
             if (inside := np.isin(block.ids, own)).any():
@@ -263,7 +306,17 @@ def _mesh(path: Path, found: _Content) -> MeshFile:
     patches, notes = by_name(parts_of)
     nodes_of = {name: nodes for name, nodes in patches.items() if len(nodes)}
     mesh = assemble_elements(path, points, cells, nodes_of)
+    notes += [f"its elements of type {', '.join(sorted(found.left_out))} are not read"] * bool(found.left_out)
     return replace(mesh, notes=(*mesh.notes, *notes))
+
+
+def _require_read(found: _Content, own: Integers) -> None:
+    """Refuse a side of an element that is not there, or that is not read."""
+    missing = np.setdiff1d(own, np.concatenate([block.ids for block in found.elements]))
+    if len(missing):
+        kind = next((kind for kind, numbers in found.left_out.items() if missing[0] in numbers), None)
+        reason = f"is of type {kind}, which is not read" if kind else "does not exist"
+        raise ValueError(f"element {int(missing[0])} is named, but {reason}")
 
 
 def _sides(found: _Content, blocks: list[_Block], dimension: int) -> dict[str, Integers]:
@@ -287,9 +340,6 @@ def _surface(blocks: list[_Block], own: Integers, side: str, *, plane: bool) -> 
     found = re.fullmatch(r"(S|E)([1-9])|S(?:POS|NEG|P|N)", side.upper())
     if found is None:
         raise ValueError(f"side {side!r}, expected S1, S2, …, of shells also E1, E2, …, SPOS, SNEG")
-    missing = np.setdiff1d(own, np.concatenate([block.ids for block in blocks]))
-    if len(missing):
-        raise ValueError(f"element {int(missing[0])} is named, but does not exist")
     for block in blocks:
         chosen = block.nodes[np.isin(block.ids, own)]
         as_shell = block.shell or found[1] != "S"
@@ -309,16 +359,16 @@ def _move(source: Path, target: Path, points: Floats) -> None:
             place += 1
             if re.match(rb"\*NODE\s*(,|$)", head):
                 end = place
-                while end < len(lines) and (not lines[end].startswith(b"*") or lines[end].startswith(b"**")):
+                while end < len(lines) and not re.match(rb"\s*\*[^*]", lines[end]):
                     end += 1
-                listed = [k for k in range(place, end) if lines[k].strip() and not lines[k].startswith(b"**")]
+                listed = [k for k in range(place, end) if (row := lines[k].strip()) and not row.startswith(b"**")]
                 for k in listed:
                     lines[k] = _complete(lines[k], points.shape[1])
                 rows = len(listed)
                 place = move_rows(lines, place, points[done : done + rows], column=1, comment=b"**")
                 done += rows
         if done < len(points):
-            hint = "name the file with *NODE as IN: its nodes have the same order"
+            hint = "name the file with *NODE as IN, whose nodes have the same order, or take .vtu"
             raise InvalidInput(f"{source}: {len(points) - done} of its nodes are in files that it includes", hint=hint)
 
     edit_lines(source, target, change)

@@ -20,6 +20,7 @@ from mesh_motion_server.files.mesh_file import MeshFile, all_outside, assemble_e
 from mesh_motion_server.files.moved import edit_lines, move_rows
 from mesh_motion_server.files.numbering import NumberedRows
 from mesh_motion_server.files.sides import PLANES, SOLIDS
+from mesh_motion_server.files.text import text_of
 
 __all__ = ["KRATOS"]
 
@@ -63,7 +64,7 @@ def _read(path: Path) -> MeshFile:
         For unknown elements, missing numbers, and malformed blocks; names the block and its line.
     """
     try:
-        return _mesh(path, _content(path.read_text(encoding="utf-8", errors="replace")))
+        return _mesh(path, _content(text_of(path.read_bytes())))
     except (ValueError, IndexError, OverflowError) as error:
         raise InvalidInput(f"{path}: malformed Kratos mesh: {error}") from None
 

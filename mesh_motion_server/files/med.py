@@ -16,11 +16,13 @@ from typing import Any
 import numpy as np
 from mesh_motion_numerics.arrays import Floats, Integers
 from mesh_motion_numerics.mesh.cells import CELL_TYPES
+from mesh_motion_protocol.errors import InvalidInput
 
 from mesh_motion_server.files.format import Format
 from mesh_motion_server.files.hdf5 import array_of, opened_hdf5, whole_of
 from mesh_motion_server.files.mesh_file import MeshFile, assemble_elements, by_name, chosen_zone
 from mesh_motion_server.files.moved import copied_hdf5
+from mesh_motion_server.files.text import text_of
 
 __all__ = ["MED"]
 
@@ -32,6 +34,7 @@ _TYPES = {
     "PE6": ("wedge", 6), "P15": ("wedge", 15), "PE15": ("wedge", 15), "P18": ("wedge", 18), "PY5": ("pyramid", 5),
     "P13": ("pyramid", 13),
 }  # fmt: skip
+_POLY = {"POG": " (polygons)", "PO2": " (polygons)", "POE": " (polyhedra)"}
 #: MED lists the first face of a 3D cell in the opposite direction: our corner k is its corner _CORNERS[type][k].
 _CORNERS = {"tetra": (0, 2, 1, 3), "hexahedron": (0, 3, 2, 1, 4, 7, 6, 5), "wedge": (0, 2, 1, 3, 5, 4),
             "pyramid": (0, 3, 2, 1, 4)}  # fmt: skip
@@ -47,6 +50,7 @@ def _read(path: Path, zone: str = "") -> MeshFile:
     """
     with opened_hdf5(path, "MED file") as file:
         chosen = chosen_zone(path, list(file["ENS_MAA"]), zone)
+        _require_simple(path, chosen, file[f"ENS_MAA/{chosen}"].attrs)
         mesh = _step(file, chosen)
         groups = _groups(path, file, chosen)
         points = _components(path, mesh["NOE/COO"], "f")
@@ -64,9 +68,22 @@ def _read(path: Path, zone: str = "") -> MeshFile:
         return replace(whole, zone=chosen, notes=(*whole.notes, *notes))
 
 
+def _require_simple(path: Path, name: str, given: Any) -> None:
+    """Refuse a structured mesh, and one in other than Cartesian coordinates."""
+    if int(given.get("TYP", 0)) == 1:
+        raise InvalidInput(
+            f"{path}: the mesh {name!r} is structured",
+            hint="write it as an unstructured one: buildUnstructured() of MEDCoupling",
+        )
+    if what := {1: "cylindrical", 2: "spherical"}.get(int(given.get("REP", 0))):
+        raise InvalidInput(f"{path}: the coordinates of the mesh {name!r} are {what}", hint="write Cartesian ones")
+
+
 def _step(file: Any, name: str) -> Any:
     """The group with nodes and elements: that of the first time step; before version 3 that of the mesh itself."""
     mesh = file[f"ENS_MAA/{name}"]
+    if "NOE" not in mesh and not len(mesh):
+        raise ValueError(f"the mesh {name!r} has no nodes")
     return mesh if "NOE" in mesh else mesh[min(mesh)]
 
 
@@ -81,7 +98,7 @@ def _elements(path: Path, mesh: Any, n_points: int) -> tuple[dict[str, tuple[str
     found = {}
     for key in mesh.get("MAI", ()):
         if key not in _TYPES:
-            raise ValueError(f"elements of type {key}; known are {', '.join(_TYPES)}")
+            raise ValueError(f"elements of type {key}{_POLY.get(key, '')}; known are {', '.join(_TYPES)}")
         name, count = _TYPES[key]
         nodes = _components(path, mesh[f"MAI/{key}/NOD"], "iu") - 1
         wrong = np.argwhere((nodes < 0) | (nodes >= n_points))
@@ -109,7 +126,7 @@ def _groups(path: Path, file: Any, mesh: str) -> dict[int, list[str]]:
         for family in families.values():
             names = list(whole_of(path, family["GRO/NOM"])) if "GRO/NOM" in family else []
             found[int(family.attrs["NUM"])] = [
-                np.asarray(name).tobytes().split(b"\0")[0].decode("utf-8", errors="replace").strip() for name in names
+                text_of(np.asarray(name).tobytes().split(b"\0")[0]).strip() for name in names
             ]
     return found
 

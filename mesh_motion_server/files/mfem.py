@@ -20,6 +20,7 @@ from mesh_motion_protocol.errors import InvalidInput
 from mesh_motion_server.files.format import Format
 from mesh_motion_server.files.mesh_file import MeshFile, assemble_elements, by_corners, concatenated
 from mesh_motion_server.files.moved import Place, edit, replaced
+from mesh_motion_server.files.text import text_of
 
 __all__ = ["MFEM"]
 
@@ -86,7 +87,7 @@ def _read(path: Path) -> MeshFile:
 
 def _mesh(path: Path, data: bytes) -> MeshFile:
     at = _coordinates(data)
-    head = _COMMENT.sub(b"", data[: at.text[0]]).decode("utf-8", errors="replace")
+    head = text_of(_COMMENT.sub(b"", data[: at.text[0]]))
     words = _Words([quoted or word for quoted, word in _WORD.findall(head)])
     elements, _ = words.section("elements")
     boundary, names = words.section("boundary")

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from mesh_motion_server.files.format import Format
 from mesh_motion_server.files.mesh_file import MeshFile, assemble, chosen_zone
 from mesh_motion_server.files.moved import edit_lines, move_rows
+from mesh_motion_server.files.text import text_of
 
 __all__ = ["SU2", "read_su2"]
 
@@ -111,7 +112,7 @@ def read_su2(path: Path, zone: str = "") -> MeshFile:
         Without the zone, for unknown element types, missing or malformed sections.
     """
     try:
-        zones = _read_zones(path.read_text(encoding="utf-8-sig", errors="replace"))
+        zones = _read_zones(text_of(path.read_bytes()).removeprefix("\ufeff"))
         chosen = chosen_zone(path, list(zones), zone)
         return zones[chosen].mesh(path, chosen)
     except (ValueError, IndexError) as error:
@@ -204,7 +205,7 @@ def _move(source: Path, target: Path, points: Floats, zone: str) -> None:
     def change(lines: list[bytes]) -> None:
         current = ""
         for place, line in enumerate(lines):
-            key, value = _key_of(line.decode("utf-8", errors="replace").partition("%")[0])
+            key, value = _key_of(text_of(line).partition("%")[0])
             if key == "IZONE":
                 current = value
             if key == "NPOIN" and current in ("", chosen):

@@ -19,6 +19,7 @@ from mesh_motion_server.files.format import Format
 from mesh_motion_server.files.mesh_file import MeshFile, assemble_elements, by_name
 from mesh_motion_server.files.moved import edit_lines
 from mesh_motion_server.files.numbering import NumberedRows
+from mesh_motion_server.files.text import text_of
 
 __all__ = ["UNV"]
 
@@ -73,7 +74,7 @@ def _read(path: Path) -> MeshFile:
         For unknown elements, missing numbers, and malformed datasets; names the dataset and the line.
     """
     try:
-        return _mesh(path, _content(path.read_text(encoding="utf-8", errors="replace").splitlines()))
+        return _mesh(path, _content(text_of(path.read_bytes()).splitlines()))
     except (ValueError, IndexError, OverflowError) as error:
         raise InvalidInput(f"{path}: malformed universal file: {error}") from None
 
@@ -201,7 +202,7 @@ def _move(source: Path, target: Path, points: Floats) -> None:
     """Write the file with other coordinates of the nodes; short ones in double precision, as dataset 2411."""
 
     def change(lines: list[bytes]) -> None:
-        text = [line.decode("utf-8", errors="replace") for line in lines]
+        text = [text_of(line) for line in lines]
         done = 0
         for number, begin, end in _datasets(text):
             count = _NODE_LINES.get(number)

@@ -29,6 +29,7 @@ from format_files import (
     mfem_by_axes,
     rows,
     universal,
+    vtkhdf,
     xdmf,
     xdmf_binary,
     xdmf_hdf5,
@@ -52,6 +53,9 @@ _CORNERS = {
     "pyramid": _CUBE[:5],
 }
 
+#: Files in which the names have another length, or that say their alphabet.
+_BINARY = ("h5", ".e", ".exo", ".med", ".cgns", ".npz", ".vtu", "hdf", "xdmf", ".xmf")
+
 
 @pytest.mark.parametrize("name", WRITERS)
 def test_every_format_says_the_same_and_comes_back_with_moved_nodes(tmp_path: Path, name: str) -> None:
@@ -72,16 +76,35 @@ def test_every_format_says_the_same_and_comes_back_with_moved_nodes(tmp_path: Pa
         np.testing.assert_array_equal(after.cells[kind], nodes)
     assert lists(after.patches) == {key: nodes.tolist() for key, nodes in PATCHES.items()}
     write_mesh(tmp_path / f"back_{name}", replace(after, points=mesh.points))  # nothing but coordinates has changed
-    if path.is_file() and not name.endswith(("h5", "h5.xdmf", ".xmf", "cgns", "med", "exo", ".e", ".npz")):
+    if path.is_file() and not name.endswith(("h5", "hdf", "h5.xdmf", ".xmf", "cgns", "med", "exo", ".e", ".npz")):
         assert (tmp_path / f"back_{name}").read_bytes().split() == path.read_bytes().split()
+
+
+@pytest.mark.parametrize("name", [name for name in WRITERS if not name.endswith(_BINARY)])
+def test_names_in_the_alphabet_of_windows_stay_apart(tmp_path: Path, name: str) -> None:
+    path = tmp_path / name
+    WRITERS[name](path)
+    for file in path.iterdir() if path.is_dir() else [path]:
+        content = file.read_bytes().replace(b"wall", "Wände".encode("cp1252"))
+        file.write_bytes(content.replace(b"sides", "Wönde…".encode("cp1252")))
+    mesh = read_mesh(path)
+    assert sorted(mesh.patches) == ["Wände", "Wönde…", "far"]
+    write_mesh(tmp_path / f"moved_{name}", replace(mesh, points=mesh.points + 1))
+    assert lists(read_mesh(tmp_path / f"moved_{name}").patches) == lists(mesh.patches)
 
 
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
         ("(2 3)", "(2 4)", "4 dimensions, expected 2 or 3"),
+        (
+            "(13 (5 21 24 3 4)(",
+            "(13 (5 21 24 3 2)(1 2 1 0 2 3 1 0 3 4 1 0 4 5 1 0))(0 (",
+            "face 33 of a 3D mesh has 2 nodes",
+        ),
         ("(10 (1 1 1b 1 3)", "(10 (1 1 1c 1 3)", "nodes 1 to 28 are 84 coordinates, but 81 follow"),
         ("(13 (5 ", "(58 (1 2 3)(4))\n(13 (5 ", "hanging nodes"),
+        ("(13 (5 ", "(2040 (2 1 8 1)(((((", "the section at byte 1[0-9]+ does not end"),
         ("(13 (5 21", "(13 (5 22", "faces 34 to 36 are 18 numbers, but 24 follow"),
         ("(13 (5 21 24", "(13 (5 22 25", "face 33 is expected, but face 34 follows"),
         ("wall wall 1)())", "wall wall 1)()", "does not end"),
@@ -150,6 +173,7 @@ def test_vtk_reads_the_same_cells_of_fluent(tmp_path: Path) -> None:
             "MFEM NURBS mesh v1.0\n",
             r"an MFEM mesh of another kind, which is not read \(versions .* are read; .* MFEM writes",
         ),
+        ("m.msh", "3 1 3\n0 0 1\n1 0 1\n", r"a FreeFEM mesh, which is not read .*savevtk"),
         ("m.vol", "mesh3d\ndimension\n3\n", r"a Netgen mesh, .*Export Mesh"),
         ("m.ccm", "@(#)ADF Database Version A02011>", r"a STAR-CCM\+ mesh, which is not read"),
         ("m.dat", 'TITLE = "x"\n', "a Tecplot file, which is not read"),
@@ -166,7 +190,6 @@ def test_vtk_reads_the_same_cells_of_fluent(tmp_path: Path) -> None:
         ("m.dat", '# by x\nVARIABLES = "X"\n', "a Tecplot file, which is not read"),
         ("m.hmf", "\x89HDF\r\n\x1a\n", r"a file in HDF5, which is not read \(give it the ending"),
         ("m.h5m", "\x89HDF\r\n\x1a\n", r"a MOAB mesh, which is not read \(.*mbconvert"),
-        ("m.vtkhdf", "\x89HDF\r\n\x1a\n", r"a VTKHDF file, which is not read \(ParaView .* save it"),
         ("m.e", "CDF\5", r"a netCDF file of 64-bit numbers \(CDF-5\), which is not read \(nccopy"),
         ("m.pvts", '<VTKFile type="PStructuredGrid"/>', "Append Datasets"),
         ("m.vtu", '<VTKFile type="UnstructuredGrid" compressor="vtkLZ4DataCompressor"/>', "LZ4.*compressor ZLib"),
@@ -194,7 +217,7 @@ def test_vtk_reads_the_same_cells_of_fluent(tmp_path: Path) -> None:
             '<VTKFile type="ImageData"/>',
             r"a VTK file of type ImageData, .*\(convert it with ParaView's filter Append",
         ),
-        ("m.msh", "hello", r"neither a Gmsh mesh nor a Fluent mesh: it begins with b'hello' .*export one of these"),
+        ("m.msh", "hello", r"neither a Gmsh .* nor a FreeFEM mesh: it begins with b'hello' .*export one of these"),
     ],
 )
 def test_a_file_of_another_kind_is_named(tmp_path: Path, name: str, content: str, message: str) -> None:
@@ -216,12 +239,73 @@ def test_an_empty_file_named_foam_is_its_case(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("name", "message"),
-    [("m.h5", "without Fluent's group 'meshes' .*give the .xdmf"), ("m.exo", "neither coord nor coordx")],
+    [
+        ("m.h5", "without Fluent's group 'meshes' .*give the .xdmf"),
+        ("m.exo", "neither coord nor coordx"),
+        ("m.vtkhdf", "without VTK's group 'VTKHDF'"),
+    ],
 )
 def test_hdf5_of_another_program_is_no_damaged_file(tmp_path: Path, name: str, message: str) -> None:
     with pytest.importorskip("h5py").File(tmp_path / name, "w") as file:
         file["points"] = POINTS
     one_line(tmp_path / name, message)
+
+
+def test_vtkhdf_of_vtk_itself(tmp_path: Path) -> None:
+    """Two parts, which are joined; VTK reads what comes back of one."""
+    hdf = pytest.importorskip("vtkmodules.vtkIOHDF")
+    numpy_support = pytest.importorskip("vtkmodules.util.numpy_support")
+    model, extraction = map(pytest.importorskip, ("vtkmodules.vtkCommonDataModel", "vtkmodules.vtkFiltersCore"))
+    vtkhdf(tmp_path / "m.vtkhdf")
+
+    def vtk_reads(path: Path) -> Any:
+        reader = hdf.vtkHDFReader()
+        reader.SetFileName(str(path))
+        reader.Update()
+        return reader.GetOutputDataObject(0)
+
+    grid, parts = vtk_reads(tmp_path / "m.vtkhdf"), model.vtkPartitionedDataSet()
+    for part in range(2):
+        half = extraction.vtkExtractCells()
+        half.SetInputData(grid)
+        half.AddCellRange(4 * part, 4 * part + 3)
+        half.Update()
+        parts.SetPartition(part, half.GetOutput())
+    writer = hdf.vtkHDFWriter()
+    writer.SetFileName(str(tmp_path / "parts.vtkhdf"))
+    writer.SetInputData(parts)
+    writer.Write()
+    mesh = read_mesh(tmp_path / "parts.vtkhdf")
+    assert mesh.notes == ("2 pieces were joined; 9 nodes were in several of them",)
+    assert {name: len(nodes) for name, nodes in mesh.patches.items()} == {name: len(of) for name, of in PATCHES.items()}
+    with pytest.raises(InvalidInput, match="several parts, each with points of its own"):
+        write_mesh(tmp_path / "moved.vtkhdf", mesh)
+    mesh = read_mesh(tmp_path / "m.vtkhdf")
+    write_mesh(tmp_path / "moved.vtkhdf", replace(mesh, points=mesh.points / 3))
+    points = numpy_support.vtk_to_numpy(vtk_reads(tmp_path / "moved.vtkhdf").GetPoints().GetData())
+    np.testing.assert_array_equal(points, POINTS / 3)
+
+
+def test_a_name_in_vtkhdf_that_is_not_in_utf_8(tmp_path: Path) -> None:
+    vtkhdf(path := tmp_path / "m.vtkhdf")
+    name = "patch_Wände".encode("cp1252")
+    changed_hdf5(path, lambda file: file["VTKHDF/PointData"].create_dataset(name, data=[1] + [0] * 26))
+    assert lists(read_mesh(path).patches)["Wände"] == [0]
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda root: root.attrs.update(Type=np.bytes_("PolyData")), "of type 'PolyData', expected UnstructuredGrid"),
+        (lambda root: root["Connectivity"].write_direct(np.full(64, 99)), "names node 99"),
+        (lambda root: root["NumberOfPoints"].write_direct(np.array([99])), "54 rows of an array, expected 99"),
+        (lambda root: root["Types"].write_direct(np.full(8, 42, np.uint8)), r"VTK's type 42 \(polyhedra\)"),
+        (lambda root: root.pop("Types"), "malformed or damaged VTKHDF file: .*Types"),
+    ],
+)
+def test_vtkhdf_files_that_do_not_fit(tmp_path: Path, change: Callable[[Any], None], message: str) -> None:
+    vtkhdf(tmp_path / "m.vtkhdf")
+    one_line(changed_hdf5(tmp_path / "m.vtkhdf", lambda file: change(file["VTKHDF"])), message)
 
 
 def test_su2_with_a_byte_order_mark(tmp_path: Path) -> None:
@@ -319,7 +403,14 @@ def test_med_and_exodus_files_that_do_not_fit(tmp_path: Path) -> None:
     one_line(path, "element 1 of type HE8 names node 99")
     med(path)
     changed_hdf5(path, lambda file: file[f"{step}/MAI"].move("HE8", "POE"))
-    one_line(path, "elements of type POE; known are")
+    one_line(path, r"elements of type POE \(polyhedra\); known are")
+    for key, value, message in (("TYP", 1, "'box' is structured"), ("REP", 1, "of the mesh 'box' are cylindrical")):
+        med(path)
+        changed_hdf5(path, lambda file, key=key, value=value: file["ENS_MAA/box"].attrs.update({key: value}))
+        one_line(path, message)
+    med(path)
+    changed_hdf5(path, lambda file: file.pop(step))
+    one_line(path, "the mesh 'box' has no nodes")
     path.write_bytes(path.read_bytes()[:3000])
     one_line(path, "malformed or damaged MED file")
     path = tmp_path / "m.exo"
@@ -355,6 +446,19 @@ def test_med_and_exodus_files_that_do_not_fit(tmp_path: Path) -> None:
         (abaqus, "NSET=Nall", "NSET=Nall, SYSTEM=C", "SYSTEM=C, expected Cartesian"),
         (abaqus, "*STEP", "*INSTANCE, NAME=a, PART=p\n1, 0, 0\n*STEP", "'a' is moved to its place"),
         (abaqus, "*STEP", "*INSTANCE, NAME=a, PART=p\n*INSTANCE, NAME=b, PART=p\n*STEP", "'b' follows 'a', but one"),
+        (abaqus, "*MATERIAL", "*SURFACE, NAME=all\nEall,\n*MATERIAL", "'Eall' without a side; name its sides S1, S2"),
+        (
+            abaqus,
+            "*MATERIAL",
+            "*ELEMENT, TYPE=U1\n900, 1, 2\n*SURFACE, NAME=all\n900, S1\n*MATERIAL",
+            "element 900 is named, but is of type U1, which is not read",
+        ),
+        (
+            abaqus,
+            "*MATERIAL",
+            "*PART, NAME=a\n*PART, NAME=b\n*NODE\n1, 0, 0, 0\n*MATERIAL",
+            "node 1 appears twice, because each of 2 parts counts its own; Abaqus/CAE writes one list",
+        ),
         (abaqus, "*STEP", "*INCLUDE, INPUT=none.inp\n*STEP", "'none.inp', which is not there"),
         (
             abaqus,
@@ -422,6 +526,34 @@ def test_geometries_and_nested_parts_of_kratos(tmp_path: Path) -> None:
     mesh = read_mesh(tmp_path / "m.mdpa")
     assert lists(mesh.cells) == {"pyramid": [[0, 1, 2, 3, 4]]}
     assert "body" not in mesh.patches
+
+
+def test_what_abaqus_and_calculix_allow_in_an_input(tmp_path: Path) -> None:
+    abaqus(path := tmp_path / "box.inp")
+    text = path.read_text()
+    nodes = text[text.index("*Node, NSET=Nall\n") : text.index("*ELEMENT")]
+    (tmp_path / "nodes.txt").write_text(nodes.partition("\n")[2].replace("0.7", "0.7D0"))
+    text = text.replace(nodes, " *Node, NSET=Nall, Input=nodes.txt\n")
+    text = text.replace("NSET=sides", 'NSET="my sides"').replace(
+        "*MATERIAL", ' *Nset, Nset=all2\n "my sides"\n*MATERIAL'
+    )
+    path.write_text(
+        text.replace("*MATERIAL", "*NSET, NSET=of far, ELSET=far\n*ELEMENT, TYPE=SPRINGA\n900, 1, 2\n*MATERIAL")
+    )
+    mesh = read_mesh(path)
+    assert np.array_equal(mesh.points, POINTS)
+    expected = {"wall": "wall", "far": "far", "of far": "far", "my sides": "sides", "all2": "sides"}
+    assert lists(mesh.patches) == {name: PATCHES[of].tolist() for name, of in expected.items()}
+    assert mesh.notes == ("its elements of type SPRINGA are not read",)
+    with pytest.raises(InvalidInput, match=r"27 of its nodes are in files that it includes"):
+        write_mesh(tmp_path / "moved.inp", mesh)
+    (tmp_path / "plate.inp").write_text(
+        "*NODE\n1, 0, 0\n2, 1, 0\n3, 0, 1\n4, .5, 0\n5, .5, .5\n6, 0, .5\n *ELEMENT, TYPE=STRI65\n1, 1, 2, 3, 4, 5, 6\n"
+    )
+    plate = read_mesh(tmp_path / "plate.inp")
+    assert lists(plate.cells) == {"triangle": [[0, 1, 2]]}
+    write_mesh(tmp_path / "moved.inp", replace(plate, points=plate.points + 1))
+    assert np.array_equal(read_mesh(tmp_path / "moved.inp").points, plate.points + 1)
 
 
 def test_sets_of_abaqus_that_are_generated(tmp_path: Path) -> None:
@@ -534,6 +666,8 @@ def _places(file: Any) -> list[str]:
 
 def test_elmer_folders_that_do_not_fit_and_calculix_input_whatever_it_is_called(tmp_path: Path) -> None:
     elmer(tmp_path / "mesh")
+    (tmp_path / "mesh" / "mesh.names").write_text("$far=1\n$the sides=2\n$wall=3\n")  # as Netgen writes it
+    assert lists(read_mesh(tmp_path / "mesh").patches)["the sides"] == PATCHES["sides"].tolist()
     text = (tmp_path / "mesh" / "mesh.elements").read_text()
     (tmp_path / "mesh" / "mesh.elements").write_text(text.replace("808", "504"))
     one_line(tmp_path / "mesh", "row 1 of mesh.elements is of type 504, but has 8 nodes")
@@ -707,7 +841,8 @@ def test_meshio_writes_a_series_of_steps_of_xdmf(tmp_path: Path, monkeypatch: py
     np.testing.assert_array_equal(read_mesh(tmp_path / "moved.xdmf").points, points / 3)
 
 
-def test_tags_of_fenics_are_patches_and_a_series_is_one_mesh(tmp_path: Path) -> None:
+@pytest.mark.parametrize("space", ["http://www.w3.org/2001/XInclude", "https://www.w3.org/2001/XInclude/"])
+def test_tags_of_fenics_are_patches_and_a_series_is_one_mesh(tmp_path: Path, space: str) -> None:
     """Like dolfinx: tags in a separate grid, without a number type; steps that include the mesh."""
     tags = (
         '<Attribute Name="f" AttributeType="Scalar" Center="Cell">'
@@ -730,7 +865,7 @@ def test_tags_of_fenics_are_patches_and_a_series_is_one_mesh(tmp_path: Path) -> 
         "none.h5:/u</DataItem></Attribute></Grid>"
     )
     text = (
-        '<Xdmf Version="3.0" xmlns:xi="http://www.w3.org/2001/XInclude"><Domain>'
+        f'<Xdmf Version="3.0" xmlns:xi="{space}"><Domain>'
         f'<Grid Name="mesh" GridType="Uniform">{cells}{part}</Grid><Grid Name="tags" GridType="Uniform">'
         '<xi:include xpointer="xpointer(/Xdmf/Domain/Grid/Geometry)"/><Topology TopologyType="PolyLine" '
         'NodesPerElement="2" BaseOffset="1"><DataItem Dimensions="2 2" NumberType="Int" Format="XML">1 2 3 4</DataItem>'
@@ -1076,6 +1211,59 @@ def test_a_binary_case_of_ensight_is_the_first_of_its_steps(tmp_path: Path, orde
         np.testing.assert_array_equal(found, moved[nodes].astype(np.float32))
 
 
+def _blocks(path: Path, flags: str = "") -> Path:
+    """Two structured parts of 3 × 3 × 2 nodes, the wall as a third one; ids are given."""
+    grid = POINTS.reshape(3, 3, 3, 3).transpose(2, 1, 0, 3)  # z, y, x: the first direction is the fastest
+    text = "blocks\nby hand\nnode id given\nelement id given\n"
+    for number, (name, part) in enumerate([("low", grid[:2]), ("high", grid[1:]), ("wall", grid[:1])], start=1):
+        own = flags if name != "wall" else ""
+        counts = part.shape[2::-1]
+        n_cells = int(np.prod([max(count - 1, 1) for count in counts]))
+        text += f"part\n{number:10}\n{name}\nblock{own}\n" + "".join(f"{count:10}" for count in counts) + "\n"
+        text += "1 3 1 3 1 2\n" if "range" in own else ""
+        text += rows(part.reshape(-1, 3).T.reshape(-1, 1))
+        text += rows([[int(name != "low" or node != 0)] for node in range(18)]) if "iblanked" in own else ""
+        text += (
+            "ghost_flags\n" + rows([[int(name == "high" and cell == 3)] for cell in range(4)]) if "ghost" in own else ""
+        )
+        for what, count in (("node", np.prod(counts)), ("element", n_cells * (name != "high"))):
+            text += f"{what}_ids\n" + rows(np.arange(1, count + 1)[:, None]) if count else "\n# EnSight has no ids\n\n"
+    path.write_text(text)
+    return path
+
+
+@pytest.mark.parametrize(("flags", "n_cells"), [("", 8), (" curvilinear iblanked with_ghost", 6), (" range", 8)])
+def test_structured_parts_of_ensight_are_one_mesh(tmp_path: Path, flags: str, n_cells: int) -> None:
+    mesh = read_mesh(_blocks(tmp_path / "m.geo", flags))
+    order = np.lexsort(mesh.points.T)
+    np.testing.assert_array_equal(mesh.points[order], POINTS[np.lexsort(POINTS.T)])
+    assert {name: len(nodes) for name, nodes in mesh.cells.items()} == {"hexahedron": n_cells}
+    assert set(map(frozenset, order.argsort()[mesh.cells["hexahedron"]].tolist())) <= set(
+        map(frozenset, np.lexsort(POINTS.T).argsort()[CELLS].tolist())
+    )
+    assert sorted(mesh.points[mesh.patches["wall"]].tolist()) == sorted(POINTS[PATCHES["wall"]].tolist())
+    write_mesh(tmp_path / "moved.geo", replace(mesh, points=mesh.points / 3))
+    after = read_mesh(tmp_path / "moved.geo")
+    np.testing.assert_array_equal(after.points, mesh.points / 3)
+    assert lists(after.patches) == lists(mesh.patches)
+
+
+def test_vtk_reads_the_same_structured_parts_of_ensight(tmp_path: Path) -> None:
+    reading = pytest.importorskip("vtkmodules.vtkIOEnSight")
+    numpy_support = pytest.importorskip("vtkmodules.util.numpy_support")
+    _blocks(tmp_path / "m.geo", " iblanked")
+    (tmp_path / "m.case").write_text("FORMAT\ntype: ensight gold\nGEOMETRY\nmodel: m.geo\n")
+    reader = reading.vtkEnSightGoldReader()
+    reader.SetCaseFileName(str(tmp_path / "m.case"))
+    reader.Update()
+    low = reader.GetOutput().GetBlock(0)
+    assert [bool(low.IsCellVisible(cell)) for cell in range(4)] == [False, True, True, True]
+    theirs = numpy_support.vtk_to_numpy(low.GetPoints().GetData())
+    mesh = read_mesh(tmp_path / "m.case")
+    np.testing.assert_array_equal(mesh.points[: len(theirs)].astype(np.float32), theirs)
+    assert mesh.cells["hexahedron"][0].tolist() == [low.GetCell(1).GetPointId(corner) for corner in range(8)]
+
+
 def test_a_copy_of_an_ensight_case_never_replaces_the_geometry(tmp_path: Path) -> None:
     ensight(tmp_path / "wing.geo")
     (tmp_path / "box.case").write_text("FORMAT\ntype: ensight gold\nGEOMETRY\nmodel: wing.geo\n")
@@ -1096,7 +1284,12 @@ def test_a_copy_of_an_ensight_case_never_replaces_the_geometry(tmp_path: Path) -
         ),
         ("hexa8", "nfaced", "elements 'nfaced'; known are point, .*filter Tetrahedralize"),
         ("hexa8", "hexa4", "elements 'hexa4' have too few nodes"),
-        ("coordinates\n27", "block\n3 3 3", "'block' in the part 'internalMesh', .*filter Merge Blocks"),
+        (
+            "coordinates\n27",
+            "block uniform\n3 3 3",
+            "'block uniform' in the part 'internalMesh', .*filter Merge Blocks",
+        ),
+        ("coordinates\n27", "block\n3 3 0", r"the part 'internalMesh' has a block of \[3, 3, 0\] nodes"),
         ("coordinates\n27", "coordinates\n28", "line 37: invalid literal for int.*'0.0'"),
         ("node id given", "node id yes", "'node id yes', expected 'node id' with one of: off"),
         ("quad4\n4", "quad4\n5", "line .*"),
@@ -1117,12 +1310,14 @@ def test_cases_of_ensight_that_do_not_fit_and_parts_elsewhere(tmp_path: Path) ->
     ensight_binary(tmp_path / "cut.geo")
     (tmp_path / "cut.geo").write_bytes((tmp_path / "cut.geo").read_bytes()[:-7])
     one_line(tmp_path / "cut.geo", "the file ends where 64 bytes are expected")
+    (tmp_path / "cut.geo").write_bytes(b"P\0\0\0Fortran Binary".ljust(84) + b"P\0\0\0")
+    one_line(tmp_path / "cut.geo", r"Fortran binary \(ParaView saves it")
     plane = "part\n9\ncut\ncoordinates\n3\n1\n2\n3\n" + "0.1\n0.2\n0.1\n" * 3 + "tria3\n1\n1\n1 2 3\n"
     ensight(tmp_path / "m.geo")
-    (tmp_path / "m.geo").write_text((tmp_path / "m.geo").read_text() + plane)
+    (tmp_path / "m.geo").write_text((tmp_path / "m.geo").read_text().replace("\nwall\n", "\n\n") + plane)
     mesh = read_mesh(tmp_path / "m.geo")
     assert len(mesh.points) == len(POINTS)
-    assert [*mesh.patches] == [*PATCHES]
+    assert [*mesh.patches] == ["far", "sides", "part_4"]
     assert mesh.notes == ("the part 'cut' has nodes that no cell has (1 elements): it is no patch",)
     write_mesh(tmp_path / "moved.geo", replace(mesh, points=POINTS + 0.5))
     assert (tmp_path / "moved.geo").read_text().endswith("\n 0.1\n 0.2\n 0.1\ntria3\n1\n1\n1 2 3\n")

@@ -187,7 +187,7 @@ HEADER = "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n"
 TRIANGLE = "$Nodes\n3\n1 0 0 {z}\n2 1 0 0\n3 0 1 0\n$EndNodes\n$Elements\n1\n1 2 2 7 7 1 2 3\n$EndElements\n"
 
 
-@pytest.mark.parametrize("version", ["2", "2.0", "2.1"])
+@pytest.mark.parametrize("version", ["2", "2.0", "2.1", "2.000000"])  # the last one is Netgen's
 def test_earlier_versions_of_format_2(tmp_path: Path, version: str) -> None:
     (tmp_path / "m.msh").write_text(HEADER.replace("2.2", version) + TRIANGLE.format(z=0))
     assert read_mesh(tmp_path / "m.msh").n_cells == 1
@@ -201,6 +201,15 @@ def test_comments_before_the_header(tmp_path: Path) -> None:
     write_mesh(tmp_path / "moved.msh", replace(mesh, points=mesh.points + 0.25))
     assert (tmp_path / "moved.msh").read_text().startswith(comments + HEADER)
     assert read_mesh(tmp_path / "moved.msh").points.tolist() == [[0.25, 0.25], [1.25, 0.25], [0.25, 1.25]]
+
+
+def test_text_between_sections_is_left_out_as_in_gmsh(tmp_path: Path) -> None:
+    between = HEADER + "\n// $Nodes follow\n" + TRIANGLE.format(z=0).replace("$Elements", "a word\n\n $Elements")
+    (tmp_path / "m.msh").write_text("# by hand\n" + between)
+    mesh = read_mesh(tmp_path / "m.msh")
+    assert (mesh.points.tolist(), mesh.n_cells) == ([[0, 0], [1, 0], [0, 1]], 1)
+    write_mesh(tmp_path / "moved.msh", mesh)
+    assert read_mesh(tmp_path / "moved.msh").points.tolist() == mesh.points.tolist()
 
 
 def test_a_plane_mesh_may_have_rounding_in_its_third_coordinate(tmp_path: Path) -> None:
@@ -218,7 +227,7 @@ def test_a_plane_mesh_may_have_rounding_in_its_third_coordinate(tmp_path: Path) 
         ("hello", "neither a Gmsh mesh nor"),
         ("$MeshFormat\n4.0 0 8\n$EndMeshFormat\n", "version 4.0"),
         (HEADER, "no cells"),
-        (HEADER + "$Nodes\n2\n1 0 0 0\n2 1 0 0\n", "malformed"),
+        (HEADER + "$Nodes\n2\n1 0 0 0\n2 1 0 0\n", "section \\$Nodes does not end"),
         (HEADER + "$Nodes\n3\n1 0 0 0\n2 1 0 0\n$EndNodes\n", "ends before"),
         (HEADER + "$Nodes\n1\n1 0 zero 0\n$EndNodes\n", "malformed"),
         (HEADER + "$Nodes\n2\n1 0 0 0\n1 1 0 0\n$EndNodes\n", "node 1 appears twice"),

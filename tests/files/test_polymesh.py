@@ -367,6 +367,9 @@ def test_a_packed_file_that_would_fill_the_memory_is_refused(tmp_path: Path, mon
 def test_no_case_at_all(tmp_path: Path) -> None:
     with pytest.raises(InvalidInput, match="neither an OpenFOAM case"):
         read_mesh(tmp_path)
+    (tmp_path / "constant" / "air" / "polyMesh").mkdir(parents=True)
+    with pytest.raises(InvalidInput, match=r"its meshes are those of regions: give one, .*/constant/air"):
+        read_mesh(tmp_path)
     (tmp_path / "processor0").mkdir()
     with pytest.raises(InvalidInput, match="reconstructParMesh"):
         read_mesh(tmp_path)

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from mesh_files import one_line
+from mesh_files import one_line, replaced
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.quality.orientation import oriented
 from mesh_motion_protocol.errors import InvalidInput
@@ -133,7 +133,7 @@ def test_appended_data_of_vtk_itself(tmp_path: Path, compressor: str, word: int,
     ("points", "reason"),
     [
         (1 << 17, r"m\.vtu: \d+ bytes that hold 104857\d or more, expected at most"),
-        (1, r"array 'Points': it holds more than the 24 bytes of its piece's points"),
+        (1, r"array 'Points': it holds more than the 24 bytes that are expected"),
     ],
 )
 def test_a_small_file_that_would_fill_the_memory_is_refused(
@@ -173,7 +173,7 @@ def test_a_connectivity_that_is_too_long_takes_no_eight_bytes_for_each_of_its_ow
     )
     tracemalloc.start()
     try:
-        with pytest.raises(InvalidInput, match=f"cells of 3 nodes, but a connectivity of {size}"):
+        with pytest.raises(InvalidInput, match="'connectivity': it holds more than the 3 bytes that are expected"):
             read_mesh(tmp_path / "m.vtu")
         assert tracemalloc.get_traced_memory()[1] < 4 * size
     finally:
@@ -188,8 +188,23 @@ def test_fewer_values_than_a_piece_announces_are_refused(tmp_path: Path, announc
     counts = re.search(rb'%s="(\d+)"' % announced.encode(), path.read_bytes())
     assert counts
     path.write_bytes(path.read_bytes().replace(counts[0], counts[0].replace(counts[1], b"%d" % (2 * int(counts[1])))))
-    with pytest.raises(InvalidInput, match=rf"values, but its piece has {2 * int(counts[1])} points or cells"):
+    with pytest.raises(InvalidInput, match=rf"values, but ({2 * int(counts[1])}|{6 * int(counts[1])}) are expected"):
         read_mesh(path)
+
+
+def test_lengths_that_medcoupling_does_not_write_and_arrays_of_faces(tmp_path: Path) -> None:
+    path = tmp_path / "m.vtu"
+    points, table = fan(20, 39)
+    write_vtu(path, points, table)
+    whole = path.read_bytes()
+    begin, raw = whole.index(b"\n_") + 2, bytearray(whole)
+    for offset in re.findall(rb'offset="(\d+)"', whole):
+        raw[begin + int(offset) : begin + int(offset) + 8] = b"1234    "
+    faces = b'<DataArray type="Int64" Name="faces" format="ascii">1 2 3</DataArray></Cells>'
+    path.write_bytes(raw.replace(b"</Cells>", faces))
+    mesh = read_mesh(path)
+    np.testing.assert_array_equal(mesh.points, points)
+    np.testing.assert_array_equal(mesh.cells["triangle"], next(iter(table)).nodes)
 
 
 def test_appended_data_that_ends_too_soon_is_refused(tmp_path: Path) -> None:
@@ -223,6 +238,8 @@ def test_legacy_files_of_vtk_itself(tmp_path: Path) -> None:
     writer.SetFileName(str(tmp_path / "m.vtk"))
     writer.SetInputData(vtk_read(tmp_path / "m.vtu"))
     writer.Write()
+    np.testing.assert_array_equal(read_mesh(tmp_path / "m.vtk").points, points)
+    replaced(tmp_path / "m.vtk", "ASCII\nDATASET", "ascii\nDataset")
     np.testing.assert_array_equal(read_mesh(tmp_path / "m.vtk").points, points)
 
 
@@ -273,6 +290,10 @@ def test_polygons_are_refused_with_the_way_in(tmp_path: Path) -> None:
     (tmp_path / "m.vtk").write_text(text)
     with pytest.raises(InvalidInput, match=r"cells of VTK's type 7 \(polygons\) \(divide such cells"):
         read_mesh(tmp_path / "m.vtk")
+    text = text.replace("CELLS 1 6\n5 0 1 2 3 4\nCELL_TYPES 1\n7", "CELLS 2 9\n4 0 1 3 4\n3 1 2 3\nCELL_TYPES 2\n7\n7")
+    (tmp_path / "m.vtk").write_text(text)
+    cells = read_mesh(tmp_path / "m.vtk").cells
+    assert {name: nodes.tolist() for name, nodes in cells.items()} == {"triangle": [[1, 2, 3]], "quad": [[0, 1, 3, 4]]}
 
 
 def test_a_surface_is_refused(tmp_path: Path) -> None:
@@ -431,6 +452,9 @@ def test_curves_and_surfaces_are_numbered_apart(tmp_path: Path, suffix: str) -> 
         ("netgen:index", [1, 2]),
         ("gmsh:geometrical", [5, 6]),
         ("ObjectId", [1001, 1002]),
+        ("Label", [1, 2]),
+        ("MaterialID", [1, 2]),
+        ("GeometryIds", [101, 102]),
     ],
 )
 def test_what_converters_call_patches_is_a_patch(tmp_path: Path, suffix: str, array: str, values: list[int]) -> None:
@@ -477,11 +501,19 @@ def vtk_sources(name: str) -> Any:
         for k, j, i in np.ndindex(2, 3, 4):
             points.InsertNextPoint(i + 0.1 * j, j + 0.2 * k, k + 1 / 3)
         grid.SetPoints(points)
-    mark = core.vtkIntArray()
-    mark.SetName("patch_left")
-    for point in range(24):
-        mark.InsertNextValue(int(point % 4 == 0))
-    grid.GetPointData().AddArray(mark)
+    for array in ("IdType", "SignedChar", "TypeInt64", "Bit", "Int"):
+        mark = getattr(core, f"vtk{array}Array")()
+        mark.SetName(array if array != "Int" else "patch_left")
+        for point in range(24):
+            mark.InsertNextValue(int(point % 4 == 0))
+        grid.GetPointData().AddArray(mark)
+    labels, long = ["a b", "", "é\n%"] * 8, ["", "x" * 100, "y" * 20000]
+    for data, texts in ((grid.GetPointData(), labels), (grid.GetFieldData(), long)):
+        array = core.vtkStringArray()
+        array.SetName("labels")
+        for text in texts:
+            array.InsertNextValue(text)
+        data.AddArray(array)
     return grid
 
 

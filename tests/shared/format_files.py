@@ -88,7 +88,7 @@ def fluent(path: Path) -> None:
 
 
 def fluent_binary(path: Path) -> None:
-    """The same with nodes and faces in binary, one zone of faces of any size."""
+    """The same with nodes and faces in binary, one zone of faces of any size; the partitions have the byte of "("."""
     fluent(path)
     text = path.read_bytes()
     begin, end = text.index(b"(10 (1"), text.index(b"(12 (0")
@@ -110,7 +110,8 @@ def fluent_binary(path: Path) -> None:
         head = text[begin:body].replace(b"(13", b"(2013")
         head = head.replace(b" 4)", b" 0)") if size else head
         text = text[:begin] + head + b"(" + packed + b")\nEnd of Binary Section   2013)\n" + text[end:]
-    path.write_bytes(text)
+    partitions = np.full(8, ord("("), "<i4").tobytes()
+    path.write_bytes(text + b"(2040 (2 1 8 1)(" + partitions + b")\nEnd of Binary Section   2040)\n")
 
 
 def fluent_hdf5(path: Path) -> None:
@@ -298,6 +299,26 @@ def vtk(path: Path) -> None:
     )
 
 
+def vtkhdf(path: Path) -> None:
+    """VTK's HDF5 of one part, with the points of a second step."""
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(path, "w") as file:
+        root = file.create_group("VTKHDF")
+        root.attrs.update(Type=np.bytes_("UnstructuredGrid"), Version=[2, 3])
+        for name, count in (("Points", N**3), ("Cells", len(CELLS)), ("ConnectivityIds", CELLS.size)):
+            root[f"NumberOf{name}"] = [count]
+        root["Points"], root["Types"] = np.concatenate([POINTS, 2 * POINTS]), np.full(len(CELLS), 12, np.uint8)
+        root["Connectivity"], root["Offsets"] = CELLS.ravel(), 8 * np.arange(len(CELLS) + 1)
+        for name, nodes in PATCHES.items():
+            root[f"PointData/patch_{name}"] = np.isin(np.arange(N**3), nodes).astype(np.int8)
+        steps = root.create_group("Steps")
+        steps.attrs["NSteps"] = 2
+        steps["Values"], steps["NumberOfParts"], steps["PointOffsets"] = [0.0, 1.0], [1, 1], [0, N**3]
+        steps["PartOffsets"], steps["CellOffsets"], steps["ConnectivityIdOffsets"] = [0, 0], [[0], [0]], [[0], [0]]
+        for name in PATCHES:
+            steps[f"PointDataOffsets/patch_{name}"] = [0, 0]
+
+
 def own(path: Path) -> None:
     write_mesh(path, MeshFile(POINTS, {"hexahedron": CELLS}, PATCHES, path))
 
@@ -345,7 +366,7 @@ def foam(path: Path) -> None:
         ("neighbour", "labelList", f"{inner}\n(\n{rows([[face.cells[1]] for face in FACES[:inner]])})\n"),
         ("boundary", "polyBoundaryMesh", f"3\n(\n{patches})\n"),
     ):
-        head = f"FoamFile {{ version 2.0; format ascii; class {kind}; object {name}; }}\n"
+        head = f'FoamFile {{ version 2.0; format ascii; class {kind}; note "{{of}} a }} box;"; object {name}; }}\n'
         (path / name).write_text(head + body)
 
 
@@ -506,6 +527,7 @@ WRITERS: dict[str, Callable[[Path], None]] = {
     "box.cgns": cgns,
     "box.vtk": vtk,
     "box.vtu": own,
+    "box.vtkhdf": vtkhdf,
     "box.npz": own,
     "box.su2": su2,
     "box_gmsh.msh": gmsh,

@@ -119,9 +119,11 @@ void Foam::remotePatches::checkNames
     const wordList names(physicalNames(boundary));
     for (const entry& e : given)
     {
-        const bool found = e.keyword().isPattern()
-          ? findStrings(regExp(e.keyword()), names).size()
-          : boundary.findPatchID(e.keyword()) >= 0;
+        bool found = boundary.findPatchID(e.keyword()) >= 0;
+        for (const word& name : names)
+        {
+            found = found || e.keyword().match(name);
+        }
         if (!found)
         {
             FatalIOErrorInFunction(given)

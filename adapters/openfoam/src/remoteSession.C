@@ -4,6 +4,11 @@
 
 #include <iostream>
 
+const char* const Foam::remoteSession::waitingHint =
+    "with the entry 'onServerLoss wait 600;' a run waits for a server that is "
+    "started again, and continues";
+
+
 void Foam::remoteSession::readPatience()
 {
     const entry* e = coeffs_.findEntry("onServerLoss");
@@ -105,8 +110,9 @@ void Foam::remoteSession::awaitServer() const
     {
         FatalErrorInFunction
             << "the mesh-motion server at " << endpoint_.c_str()
-            << " could not be asked to go on: " << message.c_str()
-            << exit(FatalError);
+            << " could not be asked to go on: " << message.c_str() << nl
+            << (patience_ > 0 ? "" : "    hint: ")
+            << (patience_ > 0 ? "" : waitingHint) << exit(FatalError);
     }
 }
 

@@ -152,7 +152,12 @@ Foam::string Foam::remoteSession::failure(const char* doing) const
     const mm_report* details = mm_error_details(context_);
     const scalar fraction = mm_report_number(details, "fraction");
     const string worst(worstCells("worst", details));
-    const string hint(mm_error_hint(context_));
+    const string hint
+    (
+        session_ && isAway() && patience_ <= 0
+      ? waitingHint
+      : mm_error_hint(context_)
+    );
     OStringStream out;
     out << "the mesh-motion server at " << endpoint_.c_str() << " could not "
         << "be asked " << doing << ':' << nl << "    "

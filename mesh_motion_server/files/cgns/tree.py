@@ -17,6 +17,7 @@ from mesh_motion_protocol.errors import InvalidInput
 from numpy.typing import NDArray
 
 from mesh_motion_server.files.hdf5 import opened_hdf5, whole_of
+from mesh_motion_server.files.text import text_of
 
 __all__ = ["Node", "open_cgns"]
 
@@ -103,7 +104,7 @@ class Node:
 
     def text(self) -> str:
         """The array as characters."""
-        return self._array("iuS").tobytes().decode("utf-8", errors="replace").rstrip("\0 ") if self._has_data else ""
+        return text_of(self._array("iuS").tobytes()).rstrip("\0 ") if self._has_data else ""
 
     def integers(self) -> Integers:
         """(k,) the array, in the order of the file."""

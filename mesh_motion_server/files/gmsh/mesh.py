@@ -21,10 +21,11 @@ from mesh_motion_numerics.mesh.cells import CELL_TYPES
 from mesh_motion_protocol.errors import InvalidInput
 
 from mesh_motion_server.files.format import Format
-from mesh_motion_server.files.gmsh.values import AsciiValues, BinaryValues, Values
+from mesh_motion_server.files.gmsh.values import AsciiValues, BinaryValues, Values, end_of
 from mesh_motion_server.files.mesh_file import MeshFile, assemble, by_corners, by_name, group_names
 from mesh_motion_server.files.moved import Place, edit, replaced
 from mesh_motion_server.files.numbering import NumberedRows
+from mesh_motion_server.files.text import text_of
 
 __all__ = ["GMSH", "read_gmsh"]
 
@@ -35,8 +36,10 @@ _TYPES = {1: "line", 2: "triangle", 3: "quad", 4: "tetra", 5: "hexahedron", 6: "
 _SECOND = {8: ("line", 3), 9: ("triangle", 6), 10: ("quad", 9), 11: ("tetra", 10), 12: ("hexahedron", 27),
            13: ("wedge", 18), 14: ("pyramid", 14), 16: ("quad", 8), 17: ("hexahedron", 20), 18: ("wedge", 15),
            19: ("pyramid", 13)}  # fmt: skip
-_HEADER = re.compile(rb"\s*(?:\$Comments\b(?s:.*?)\$EndComments\s+)?\$MeshFormat\s+(\S+)\s+([01])\s+(\d+)[^\n]*\n")
-_SECTION = re.compile(rb"\s*\$(\w+)[ \t\r]*\n")
+_HEADER = re.compile(rb"(?m)^[ \t]*\$MeshFormat\s+(\S+)\s+([01])\s+(\d+)[^\n]*\n")
+#: What is between two sections is not read, as in Gmsh.
+_SECTION = re.compile(rb"\n[ \t]*\$(\w+)[ \t\r]*\n")
+_VERSIONS = (2.0, 2.1, 2.2, 4.1)
 _NAME = re.compile(r'^\s*(\d+)\s+(\d+)\s+"(.*)"\s*$')
 
 
@@ -94,25 +97,25 @@ def read_gmsh(path: Path) -> MeshFile:
 
 def _read_sections(data: bytes) -> _Content:
     """Read all sections of the file."""
-    header = _HEADER.match(data)
+    header = _HEADER.search(data)
     if header is None:
         raise ValueError("it does not begin with $MeshFormat")
     version, binary, word = header[1].decode(), header[2] == b"1", int(header[3])
-    if version not in ("2", "2.0", "2.1", "2.2", "4.1"):
+    if float(version) not in _VERSIONS:  # Netgen writes 2.000000
         raise ValueError(f"version {version}; versions 2.2 and 4.1 are read (gmsh -save -format msh41)")
     order = "<"
     if binary:
         order = "<" if int.from_bytes(data[header.end() : header.end() + 4], "little") == 1 else ">"
-    readers = _READERS_41 if version == "4.1" else _READERS_22
+    readers = _READERS_41 if float(version) > 4 else _READERS_22
     content, position = _Content(), header.end()
-    position = data.index(b"$EndMeshFormat", position) + len(b"$EndMeshFormat")
-    while section := _SECTION.match(data, position):
+    position = end_of(data, b"MeshFormat", position) + len(b"$EndMeshFormat")
+    while section := _SECTION.search(data, position):
         name, start = section[1], section.end()
         if name == b"PartitionedEntities":
             raise ValueError("a partitioned mesh; save it with Mesh.PartitionSplitMeshFiles = 0 and one partition")
         if name == b"PhysicalNames":
-            end = data.index(b"$EndPhysicalNames", start)
-            _read_names(content, data[start:end].decode("utf-8", errors="replace"))
+            end = end_of(data, name, start)
+            _read_names(content, text_of(data[start:end]))
         elif name in readers:
             values: Values = BinaryValues(data, start, order, word) if binary else AsciiValues(data, start, name)
             readers[name](content, values)
@@ -122,9 +125,8 @@ def _read_sections(data: bytes) -> _Content:
         else:
             if name not in _OTHER_SECTIONS:
                 content.notes.append(f"its section ${name.decode()} is not read")
-            end = data.index(b"$End" + name, start)
-        end_mark = b"$End" + name
-        position = data.index(end_mark, end) + len(end_mark)
+            end = end_of(data, name, start)
+        position = end_of(data, name, end) + len(b"$End" + name)
     return content
 
 

@@ -9,7 +9,14 @@ from numpy.typing import NDArray
 
 from mesh_motion_server.files.moved import Place
 
-__all__ = ["AsciiValues", "BinaryValues", "Values"]
+__all__ = ["AsciiValues", "BinaryValues", "Values", "end_of"]
+
+
+def end_of(data: bytes, name: bytes, start: int) -> int:
+    """The place of the end mark of a section that begins before ``start``."""
+    if (found := data.find(b"$End" + name, start)) < 0:
+        raise ValueError(f"section ${name.decode()} does not end")
+    return found
 
 
 class Values(Protocol):
@@ -58,7 +65,7 @@ class AsciiValues:
     """Numbers of an ASCII section; integers up to 2⁵³ survive as float64."""
 
     def __init__(self, data: bytes, start: int, name: bytes) -> None:
-        self._start, self._stop = start, data.index(b"$End" + name, start)
+        self._start, self._stop = start, end_of(data, name, start)
         self._values = np.array(data[start : self._stop].split(), dtype=np.float64)
         self._next = 0
 

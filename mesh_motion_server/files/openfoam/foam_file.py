@@ -21,11 +21,12 @@ from mesh_motion_protocol.errors import InvalidInput
 from numpy.typing import NDArray
 
 from mesh_motion_server.files.packages import check_unpacked, most_unpacked
+from mesh_motion_server.files.text import text_of
 
 __all__ = ["FoamFile", "dictionaries"]
 
 _T = TypeVar("_T", bound=np.generic)
-_HEADER = re.compile(rb"FoamFile\s*\{(.*?)\}", re.DOTALL)
+_HEADER = re.compile(rb'FoamFile\s*\{((?:"[^"]*"|[^"}])*)\}')
 _COMMENT = re.compile(rb"//[^\n]*|/\*.*?\*/", re.DOTALL)
 _GAP = re.compile(rb"(?:\s+|//[^\n]*\n|/\*.*?\*/)*", re.DOTALL)
 _COUNT = re.compile(rb"(\d{1,18})\s*")
@@ -255,7 +256,7 @@ def dictionaries(file: FoamFile) -> list[tuple[str, dict[str, str]]]:
     InvalidInput
         If a bracket is missing.
     """
-    tokens = iter(_TOKEN.findall(_COMMENT.sub(b"", file.body).decode("utf-8", errors="replace")))
+    tokens = iter(_TOKEN.findall(text_of(_COMMENT.sub(b"", file.body))))
     found: list[tuple[str, dict[str, str]]] = []
     first = next(tokens, "")
     if (next(tokens, "") if first.isdigit() else first) != "(":

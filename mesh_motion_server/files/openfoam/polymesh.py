@@ -78,6 +78,9 @@ def _polymesh_folder(path: Path) -> Path:
         if any((candidate / name).is_file() for name in ("faces", "faces.gz")):
             return candidate
     hint = "a case has its mesh in constant/polyMesh (blockMesh makes it)"
+    regions = sorted(one.parent.name for one in folder.glob("constant/*/polyMesh") if one.is_dir())
+    if regions:
+        hint = f"its meshes are those of regions: give one, {path / 'constant' / regions[0]}"
     if (folder / "processor0").is_dir():
         hint = "the case is decomposed: reconstructParMesh -constant merges it"
     raise InvalidInput(f"{path}: neither an OpenFOAM case nor a polyMesh folder: no file 'faces'", hint=hint)

@@ -24,10 +24,11 @@ KNOWN_TYPES = _FIRST | _HIGHER
 _ALIGNED = {8: ("quad", [0, 1, 3, 2]), 11: ("hexahedron", [0, 1, 3, 2, 4, 5, 7, 6])}  # pixel, voxel
 _BOX = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)]
 _VERTICES = (0, 1, 2)  # no cell, a vertex, several vertices
+_POLYGON = 7
 _OTHERS = {
     4: "polylines",
     6: "triangle strips",
-    7: "polygons",
+    _POLYGON: "polygons",
     15: "prisms of five sides",
     16: "prisms of six sides",
     41: "polygons",
@@ -85,14 +86,16 @@ class VtkGrid:
         ValueError
             For polygons, polyhedra and unknown types; for a cell with fewer nodes than its type has.
         """
-        found = []
-        for code in np.unique(self.types).tolist():
+        found, types = [], self.types.copy()
+        for size, code in ((3, 5), (4, 9)):  # polygons that are triangles or quadrilaterals
+            types[(types == _POLYGON) & (np.diff(self.offsets) == size)] = code
+        for code in np.unique(types).tolist():
             if code in _VERTICES:
                 continue
             name, order = _ALIGNED.get(code, (_FIRST.get(code) or _HIGHER.get(code, ""), None))
             if not name:
                 raise ValueError(f"cells of VTK's type {code} ({_OTHERS.get(code, 'of another shape')})")
-            rows = np.flatnonzero(self.types == code)
+            rows = np.flatnonzero(types == code)
             few = np.diff(self.offsets)[rows] < _CORNERS[name]
             if few.any():
                 raise ValueError(f"cell {int(rows[few][0])} is of type {name}, but has fewer nodes")

@@ -11,14 +11,18 @@ from mesh_motion_numerics.arrays import Floats, Integers
 from numpy.typing import NDArray
 
 from mesh_motion_server.files.moved import Place
+from mesh_motion_server.files.text import text_of
 from mesh_motion_server.files.vtk.grid import VtkGrid, structured_cells
 
 __all__ = ["Legacy", "read_legacy"]
 
 _TYPES = {
     "bit": "u1", "unsigned_char": "u1", "char": "i1", "unsigned_short": "u2", "short": "i2", "unsigned_int": "u4",
-    "int": "i4", "unsigned_long": "u8", "long": "i8", "float": "f4", "double": "f8", "vtkidtype": "i8",
-    "vtktypeint64": "i8", "vtktypeint32": "i4", "vtktypeuint8": "u1", "vtktypeuint64": "u8", "vtktypeuint32": "u4",
+    "int": "i4", "unsigned_long": "u8", "long": "i8", "float": "f4", "double": "f8", "vtkidtype": "i4",
+    "signed_char": "i1",
+    **{f"vtktypeint{8 * size}": f"i{size}" for size in (1, 2, 4, 8)},
+    **{f"vtktypeuint{8 * size}": f"u{size}" for size in (1, 2, 4, 8)},
+    "vtktypefloat32": "f4", "vtktypefloat64": "f8",
 }  # fmt: skip
 _KINDS = ("UNSTRUCTURED_GRID", "STRUCTURED_GRID", "RECTILINEAR_GRID", "STRUCTURED_POINTS")
 _WIDTHS = {"VECTORS": 3, "NORMALS": 3, "TENSORS": 9, "TENSORS6": 6, "GLOBAL_IDS": 1, "PEDIGREE_IDS": 1, "EDGE_FLAGS": 1}
@@ -81,9 +85,9 @@ def read_legacy(data: bytes) -> Legacy:
         raise ValueError("it does not begin with '# vtk DataFile'")
     file.line(blank=True)
     form = file.line()
-    if form not in ("ASCII", "BINARY"):
+    if form.upper() not in ("ASCII", "BINARY"):
         raise ValueError(f"its third line is {form[:30]!r}, expected ASCII or BINARY")
-    file.binary = form == "BINARY"
+    file.binary = form.upper() == "BINARY"
     content, owner, rows = Legacy(), "", 0
     while line := file.line():
         words = line.split()
@@ -160,6 +164,9 @@ def _read_array(file: "_Cursor", arrays: dict[str, Any], key: str, words: list[s
         for _ in range(int(words[2])):
             while (head := file.line().split())[:1] == ["METADATA"]:
                 file.skip_metadata()
+            if head[3].lower() == "string":
+                file.skip_texts(int(head[1]) * int(head[2]))
+                continue
             arrays[head[0]] = file.values(int(head[1]) * int(head[2]), head[3]).reshape(int(head[2]), int(head[1]))
     elif key == "LOOKUP_TABLE":
         file.values(4 * int(words[2]), "unsigned_char" if file.binary else "float")
@@ -185,7 +192,7 @@ class _Cursor:
         while self.position < len(self._data):
             end = self._data.find(b"\n", self.position)
             end = len(self._data) if end < 0 else end
-            text = self._data[self.position : end].decode("utf-8", errors="replace").strip()
+            text = text_of(self._data[self.position : end]).strip()
             self.position = end + 1
             if text or blank:
                 return text
@@ -195,6 +202,16 @@ class _Cursor:
         """Skip the lines to the next blank one."""
         while self.line(blank=True):
             pass
+
+    def skip_texts(self, count: int) -> None:
+        """Skip texts: lines; in binary after their length, whose first two bits say how many bytes it has."""
+        for _ in range(count):
+            if not self.binary:
+                self.line(blank=True)
+            elif self.position < len(self._data):
+                width = 8 >> (self._data[self.position] >> 6)
+                head = int.from_bytes(self._data[self.position : self.position + width], "big")
+                self.position += width + head % (1 << (8 * width - 2))
 
     def place(self, count: int, kind: str) -> Place:
         """The place of ``count`` points that follow; for text, its begin."""

@@ -1,4 +1,4 @@
-"""VTK's legacy and XML meshes.
+"""VTK's meshes: legacy, XML and HDF5.
 
 These formats have no patches. Patches are made from arrays with these names:
 
@@ -26,11 +26,12 @@ from mesh_motion_server.files.mesh_file import MeshFile, assemble, by_corners, b
 from mesh_motion_server.files.moved import edit, replaced
 from mesh_motion_server.files.packages import reason_of
 from mesh_motion_server.files.vtk.grid import VtkGrid
+from mesh_motion_server.files.vtk.hdf import move_hdf, read_hdf
 from mesh_motion_server.files.vtk.legacy import read_legacy
 from mesh_motion_server.files.vtk.pieces import PatchKey, VtkPiece, joined, sources
 from mesh_motion_server.files.vtk.xml import read_xml
 
-__all__ = ["NUMBERED_PATCH_ARRAYS", "PATCH_PREFIX", "VTK", "VTU", "grids_as_mesh"]
+__all__ = ["NUMBERED_PATCH_ARRAYS", "PATCH_PREFIX", "VTK", "VTKHDF", "VTU", "grids_as_mesh"]
 
 PATCH_PREFIX = "patch_"
 #: Arrays of numbers that name patches; the first existing one is used. The comment after each names the program that
@@ -44,6 +45,9 @@ NUMBERED_PATCH_ARRAYS = {
     "medit:ref": "Medit, by meshio",
     "netgen:index": "Netgen, by meshio",
     "ObjectId": "Exodus' sets, by ParaView",
+    "Label": "FreeFEM: labels of faces and edges",
+    "GeometryIds": "Elmer: boundaries, whose numbers follow those of the bodies",
+    "MaterialID": "deal.II: on faces the boundary's number",
     "gmsh:geometrical": "Gmsh, by meshio: surfaces and curves of the geometry",
 }
 #: Our type's name, rows (m,) among all cells, and corner nodes (m, k), for each cell type of a grid.
@@ -72,6 +76,17 @@ def _read_vtk(path: Path) -> MeshFile:
         For surfaces, damaged files, and polygons or polyhedra.
     """
     return grids_as_mesh(path, lambda file: [read_legacy(file.read_bytes()).grid()], [path])
+
+
+def _read_hdf(path: Path) -> MeshFile:
+    """Read a mesh from ``.vtkhdf``.
+
+    Raises
+    ------
+    InvalidInput
+        Without h5py, for other kinds of grids, damaged files, and polygons or polyhedra.
+    """
+    return grids_as_mesh(path, read_hdf, [path])
 
 
 def grids_as_mesh(path: Path, read: Callable[[Path], list[VtkGrid]], files: list[Path]) -> MeshFile:
@@ -243,3 +258,4 @@ def _move(source: Path, target: Path, points: Floats) -> None:
 
 VTU = Format("a VTK file in XML", (".vtu", ".pvtu", ".vts"), re.compile(rb"<VTKFile\b"), _read_vtu)
 VTK = Format("a legacy VTK file", (".vtk",), re.compile(rb"\A\s*# vtk DataFile"), _read_vtk, move=_move)
+VTKHDF = Format("a VTKHDF file", (".vtkhdf", ".hdf"), re.compile(rb"\A\x89HDF"), _read_hdf, move=move_hdf)

@@ -70,17 +70,14 @@ def read_xml(path: Path) -> list[VtkGrid]:
 
 
 def _unstructured(values: "_Values", piece: ElementTree.Element) -> VtkGrid:
-    cells = values.arrays(piece, "Cells")
     if not int(piece.get("NumberOfCells", "0")):
-        cells = {name: np.empty(0, np.int64) for name in ("offsets", "connectivity", "types")}
-    missing = {"offsets", "connectivity", "types"} - cells.keys()
-    if missing:
-        raise ValueError(f"its Cells have no {min(missing)}")
+        return _grid(values, piece, _points(values, piece), *(np.array([0] * size) for size in (0, 1, 0)))
+    cells = values.arrays(piece, "Cells", ("offsets", "types"))
     offsets = np.concatenate([[0], cells["offsets"].astype(np.int64)])
-    if cells["connectivity"].size != offsets[-1]:  # check before memory of eight bytes for each is allocated
-        raise ValueError(f"cells of {offsets[-1]} nodes, but a connectivity of {cells['connectivity'].size}")
-    types, nodes = (cells[name].astype(np.int64) for name in ("types", "connectivity"))
-    return _grid(values, piece, _points(values, piece), types, offsets, nodes)
+    nodes = values.arrays(piece, "Cells", ("connectivity",), rows=int(offsets[-1]))["connectivity"]
+    return _grid(
+        values, piece, _points(values, piece), cells["types"].astype(np.int64), offsets, nodes.astype(np.int64)
+    )
 
 
 def _structured(values: "_Values", piece: ElementTree.Element) -> VtkGrid:
@@ -133,15 +130,23 @@ class _Values:
                 hint="save it with the compressor ZLib: an option of ParaView, SetCompressorTypeToZLib in VTK",
             )
 
-    def arrays(self, piece: ElementTree.Element, section: str) -> dict[str, NDArray[np.generic]]:
-        """The arrays of a section of a piece; arrays of text are left out."""
+    def arrays(
+        self, piece: ElementTree.Element, section: str, names: tuple[str, ...] = (), rows: int | None = None
+    ) -> dict[str, NDArray[np.generic]]:
+        """The arrays of a section of a piece, all or those with these names; arrays of text are left out.
+
+        ``rows`` is their length, unless it is that of the piece.
+        """
         found = piece.find(section)
         arrays = found.findall("DataArray") if found is not None else []
-        named = [(array.get("Name", section), array) for array in arrays if array.get("type") in _TYPES]
-        rows = piece.get("NumberOfPoints" if section.startswith("Point") else "NumberOfCells")
-        return {name: self._array(name, array, None if name == "connectivity" else rows) for name, array in named}
+        named = {array.get("Name", section): array for array in arrays if array.get("type") in _TYPES}
+        if missing := sorted({*names} - named.keys()):
+            raise ValueError(f"its {section} have no {missing[0]}")
+        count = piece.get("NumberOfPoints" if section.startswith("Point") else "NumberOfCells")
+        rows = int(count) if rows is None and count is not None else rows
+        return {name: self._array(name, named[name], rows) for name in names or named}
 
-    def _array(self, name: str, array: ElementTree.Element, rows: str | None) -> NDArray[np.generic]:
+    def _array(self, name: str, array: ElementTree.Element, rows: int | None) -> NDArray[np.generic]:
         dtype = np.dtype(self._order + _TYPES[array.get("type", "")])
         text = (array.text or "").strip()
         width = int(array.get("NumberOfComponents", "1"))
@@ -149,10 +154,10 @@ class _Values:
             if array.get("format") == "ascii":
                 values = np.array(text.split(), dtype=dtype)
             else:
-                most = most_unpacked(self._packed) if rows is None else int(rows) * max(width, 1) * dtype.itemsize
+                most = most_unpacked(self._packed) if rows is None else rows * max(width, 1) * dtype.itemsize
                 values = np.frombuffer(self._bytes(array, text, most), dtype)
-            if rows is not None and int(rows) and values.size != int(rows) * max(width, 1):  # half of a mesh is no mesh
-                raise ValueError(f"{values.size} values, but its piece has {rows} points or cells")
+            if rows and values.size != rows * max(width, 1):  # half of a mesh is no mesh
+                raise ValueError(f"{values.size} values, but {rows * max(width, 1)} are expected")
             return values.reshape(-1, width) if width > 1 else values
         except ValueError as error:
             raise ValueError(f"array {name!r}: {error}") from None
@@ -170,6 +175,8 @@ class _Values:
         size = self._integer.itemsize
         count = int(np.frombuffer(_taken(data, 0, size, coded=coded), self._integer)[0])
         if not self._compressor:
+            if size + count > len(data):  # MEDCoupling writes four other bytes instead of the length
+                count = min(count, most)
             return _taken(data, 0, size + count, coded=coded)[size:]
         if not count:
             return b""
@@ -183,7 +190,7 @@ class _Values:
             begin, left, self._unpacked = begin + length, left - len(unpacked[-1]), self._unpacked + len(unpacked[-1])
             check_unpacked(self._path, self._packed, self._unpacked)
             if left < 0:
-                raise ValueError(f"it holds more than the {most} bytes of its piece's points or cells")
+                raise ValueError(f"it holds more than the {most} bytes that are expected")
         return b"".join(unpacked)
 
 

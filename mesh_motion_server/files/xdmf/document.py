@@ -13,7 +13,8 @@ from mesh_motion_server.files.packages import check_unpacked, load_h5py
 
 __all__ = ["Document", "dtype_of", "item_type", "kind_of"]
 
-_INCLUDE = re.compile(r"\{http://www.w3.org/200[13]/XInclude\}include")  # the second one is meshio's
+#: Also as MOOSE (2003), dolfinx (https) and meshio (a slash at the end) write it.
+_INCLUDE = re.compile(r"\{https?://www\.w3\.org/200[13]/XInclude/?\}include")
 _CHOICE = re.compile(r"/\*\[((?:\s*(?:or)?\s*self::\w+)+)\s*\]$")
 _KINDS = {"float": "f", "int": "i", "uint": "u", "char": "i", "uchar": "u", "short": "i", "ushort": "u"}
 _SHORT = {"char": 1, "uchar": 1, "short": 2, "ushort": 2}
