@@ -68,7 +68,6 @@ def test_the_example_is_small_described_and_without_odd_parts(name: str) -> None
     folder = EXAMPLES / name
     assert sum(path.stat().st_size for path in folder.glob("*.npz")) < 1 << 20
     assert f"mesh-motion play examples/{name}/case.toml" in (folder / "README.md").read_text(encoding="utf-8")
-    assert (folder / "build_mesh.py").is_file()
     odd = [warning for warning in check(folder / "case.toml").warnings if "share" not in warning]  # a flag has a root
     assert odd == []
 

@@ -204,7 +204,7 @@ def test_a_restart_with_another_mesh_or_from_nothing_is_refused(server, case, sq
     with np.load(tmp_path / "mesh.npz") as file:
         arrays = dict(file)
     np.savez(tmp_path / "mesh.npz", **arrays | {"points": arrays["points"] * 1.01})
-    with pytest.raises(InvalidInput, match="another mesh"):
+    with pytest.raises(InvalidInput, match="is not that of the mesh file"):
         resume_session(server, load_mesh(configuration), tmp_path / "session")
 
 
