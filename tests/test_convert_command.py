@@ -1,11 +1,10 @@
 """``mesh-motion convert`` as a user calls it."""
 
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from programs import mesh_motion
 
 from mesh_motion_server.files import read_mesh
 
@@ -13,15 +12,7 @@ EXAMPLE = Path(__file__).parents[1] / "examples" / "thesis_rotation" / "mesh.npz
 
 
 def convert(folder: Path, *arguments: object) -> tuple[int, str, str]:
-    done = subprocess.run(
-        [sys.executable, "-m", "mesh_motion_server", "convert", *map(str, arguments)],
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=120,
-    )
-    return done.returncode, done.stdout, done.stderr
+    return mesh_motion("convert", *arguments, cwd=folder)
 
 
 @pytest.mark.parametrize("suffix", ["npz", "vtu"])

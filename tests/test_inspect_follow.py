@@ -16,6 +16,7 @@ from pathlib import Path
 
 import pytest
 from histories import write_history
+from programs import mesh_motion
 
 from mesh_motion_server.session.store import SessionStore
 from tests.faults.driver import make_driver
@@ -40,16 +41,7 @@ def state(tmp_path: Path) -> Path:
 
 
 def run(*arguments: object, **environment: str) -> tuple[int, str, str]:
-    """Run the command with pipes; return status, output, errors."""
-    done = subprocess.run(
-        [sys.executable, "-m", "mesh_motion_server", "inspect", "--follow", *map(str, arguments)],
-        capture_output=True,
-        text=True,
-        env=os.environ | environment,
-        timeout=_PATIENCE,
-        check=False,
-    )
-    return done.returncode, done.stdout, done.stderr
+    return mesh_motion("inspect", "--follow", *arguments, env=os.environ | environment)
 
 
 def test_a_pipe_gets_one_look_as_plain_text(state: Path) -> None:
