@@ -40,7 +40,9 @@ def test_there_and_back_and_moved(tmp_path: Path, suffix: str) -> None:
         ((EXAMPLE, "mesh.npz", "--points", EXAMPLE), "not readable as a .npy file"),
     ],
 )
-def test_what_cannot_be_done_is_one_line(tmp_path: Path, arguments: tuple[object, ...], message: str) -> None:
+def test_a_conversion_that_is_impossible_is_refused_in_one_line(
+    tmp_path: Path, arguments: tuple[object, ...], message: str
+) -> None:
     status, out, error = convert(tmp_path, *arguments)
     assert (status, out) == (2, "")
     assert message in error

@@ -81,7 +81,7 @@ def test_json_has_what_a_program_needs(state: Path) -> None:
         (["{state}", "--session", "absent"], 4, "no session 'absent'; there are wing"),
     ],
 )
-def test_what_cannot_be_shown_is_said(state: Path, arguments: list[str], status: int, said: str) -> None:
+def test_wrong_arguments_are_refused_with_the_reason(state: Path, arguments: list[str], status: int, said: str) -> None:
     got, out, errors = run(*(argument.format(state=state) for argument in arguments))
     assert (got, out) == (status, "")
     assert said in errors

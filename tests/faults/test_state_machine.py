@@ -248,7 +248,7 @@ def test_a_seeded_bug_is_found(protection: Protection, monkeypatch: Patch, bug: 
     pytest.fail("100 lives have not shown it")
 
 
-def test_what_fails_is_shortened_and_can_be_replayed(monkeypatch: Patch) -> None:
+def test_a_failing_sequence_is_shortened_and_can_be_replayed(monkeypatch: Patch) -> None:
     rollback_keeps_the_trial(monkeypatch)
     with pytest.raises(BrokenPromise, match="iteration") as caught:
         CHECK.run(1, Budget(100))

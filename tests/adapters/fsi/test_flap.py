@@ -67,7 +67,7 @@ def test_windows_converge_and_the_tip_moves_downstream(undisturbed):
     assert rows[-1].force_x > 0.0
 
 
-def test_what_the_server_stored_can_be_looked_at(undisturbed):
+def test_inspect_shows_the_stored_sessions(undisturbed):
     folder, _ = undisturbed
     command = [sys.executable, "-m", "mesh_motion_server", "inspect", str(folder / "server")]
     done = subprocess.run(command, capture_output=True, text=True, check=False)

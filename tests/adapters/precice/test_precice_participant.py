@@ -234,7 +234,7 @@ def participant(case, stub, square):
     return make
 
 
-def test_what_does_not_fit_is_refused(participant, case, square):
+def test_a_configuration_that_does_not_fit_the_mesh_is_refused(participant, case, square):
     with pytest.raises(InvalidInput, match="has 3 dimensions, the mesh file 2"):
         participant(dimensions=3)
     made, session = participant(moving=np.arange(3))
