@@ -1,6 +1,6 @@
 """Settings at the edges, checked strictly: how a mesh is moved, and how the server runs.
 
-:class:`MethodSettings` has the keys of the case file's ``[method]`` and of OPEN's ``settings``; :class:`ServerSettings`
+:class:`MethodSettings` has the keys of the case file's ``[method]`` and of OPEN's ``settings``, :class:`ServerSettings`
 those of the server. Unknown keys, wrong types (``"0.5"`` for a number, ``1`` for a truth value), NaN and infinity are
 refused with one line that names the key, the value and what was expected.
 """

@@ -7,7 +7,10 @@ import signal
 import subprocess
 from collections import Counter
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import settings
@@ -19,6 +22,7 @@ from programs import need
 from mesh_motion_server import failpoints
 from mesh_motion_server.transport.processes import repeatable_libraries
 from tests.faults.failpoint_plan import PLAN
+from tests.faults.waiting import PATIENCE
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -130,6 +134,14 @@ def c_kernels(tmp_path_factory: pytest.TempPathFactory) -> Path:
             assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-3000:]
 
     return made_once(tmp_path_factory, "c_kernels", make) / "prefix"
+
+
+@pytest.fixture
+def background() -> Iterator[Callable[[Callable[[], Any]], Callable[[], Any]]]:
+    """Run a call in a thread; the function that is returned gives its result, or raises its error."""
+    pool = ThreadPoolExecutor()
+    yield lambda call: partial(pool.submit(call).result, PATIENCE)
+    pool.shutdown()
 
 
 @pytest.fixture

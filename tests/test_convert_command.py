@@ -1,11 +1,10 @@
 """``mesh-motion convert`` as a user calls it."""
 
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from programs import mesh_motion
 
 from mesh_motion_server.files import read_mesh
 
@@ -13,15 +12,7 @@ EXAMPLE = Path(__file__).parents[1] / "examples" / "thesis_rotation" / "mesh.npz
 
 
 def convert(folder: Path, *arguments: object) -> tuple[int, str, str]:
-    done = subprocess.run(
-        [sys.executable, "-m", "mesh_motion_server", "convert", *map(str, arguments)],
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=120,
-    )
-    return done.returncode, done.stdout, done.stderr
+    return mesh_motion("convert", *arguments, cwd=folder)
 
 
 @pytest.mark.parametrize("suffix", ["npz", "vtu"])
@@ -49,7 +40,9 @@ def test_there_and_back_and_moved(tmp_path: Path, suffix: str) -> None:
         ((EXAMPLE, "mesh.npz", "--points", EXAMPLE), "not readable as a .npy file"),
     ],
 )
-def test_what_cannot_be_done_is_one_line(tmp_path: Path, arguments: tuple[object, ...], message: str) -> None:
+def test_a_conversion_that_is_impossible_is_refused_in_one_line(
+    tmp_path: Path, arguments: tuple[object, ...], message: str
+) -> None:
     status, out, error = convert(tmp_path, *arguments)
     assert (status, out) == (2, "")
     assert message in error

@@ -74,7 +74,7 @@ def test_a_plan_names_faults_by_point() -> None:
     ["=kill@1", "kill", "kill@0", "kill:9@1", "sleep@1", "sleep:-1@1", "sleep:x@1", "raise@1", "raise:KeyError@1",
      "raise:EXXX@1", "stop@1"],
 )  # fmt: skip
-def test_what_is_no_entry_is_refused(entry: str) -> None:
+def test_wrong_entries_of_a_plan_are_refused(entry: str) -> None:
     with pytest.raises(InvalidInput, match="expected POINT=kill@HIT"):
         read_plan(f"{OTHER}=kill@1; {POINT}={entry}")
 

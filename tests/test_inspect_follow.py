@@ -16,6 +16,7 @@ from pathlib import Path
 
 import pytest
 from histories import write_history
+from programs import mesh_motion
 
 from mesh_motion_server.session.store import SessionStore
 from tests.faults.driver import make_driver
@@ -40,16 +41,7 @@ def state(tmp_path: Path) -> Path:
 
 
 def run(*arguments: object, **environment: str) -> tuple[int, str, str]:
-    """Run the command with pipes; return status, output, errors."""
-    done = subprocess.run(
-        [sys.executable, "-m", "mesh_motion_server", "inspect", "--follow", *map(str, arguments)],
-        capture_output=True,
-        text=True,
-        env=os.environ | environment,
-        timeout=_PATIENCE,
-        check=False,
-    )
-    return done.returncode, done.stdout, done.stderr
+    return mesh_motion("inspect", "--follow", *arguments, env=os.environ | environment)
 
 
 def test_a_pipe_gets_one_look_as_plain_text(state: Path) -> None:
@@ -89,7 +81,7 @@ def test_json_has_what_a_program_needs(state: Path) -> None:
         (["{state}", "--session", "absent"], 4, "no session 'absent'; there are wing"),
     ],
 )
-def test_what_cannot_be_shown_is_said(state: Path, arguments: list[str], status: int, said: str) -> None:
+def test_wrong_arguments_are_refused_with_the_reason(state: Path, arguments: list[str], status: int, said: str) -> None:
     got, out, errors = run(*(argument.format(state=state) for argument in arguments))
     assert (got, out) == (status, "")
     assert said in errors

@@ -92,7 +92,7 @@ def test_nothing_else_becomes_green(tmp_path: Path, kind: str) -> None:
     assert got == status, output
 
 
-def test_what_fails_twice_and_what_is_flaky_are_counted(tmp_path: Path) -> None:
+def test_failed_and_flaky_tests_are_counted(tmp_path: Path) -> None:
     _, output = ran(tmp_path, _RED["one of two"][0], "-n2")
     assert re.search(r"^FAILED test_given.py::test_bad", output, re.M)
     assert re.fullmatch(r"=+ 1 failed, 1 passed, 1 flaky in .*s =+", output.splitlines()[-1]), output
@@ -104,7 +104,7 @@ def test_a_run_without_failures_stays_as_it_is(tmp_path: Path) -> None:
     assert "once more" not in output
 
 
-def test_what_no_signal_ends_is_ended_and_named(tmp_path: Path) -> None:
+def test_a_test_that_no_signal_ends_is_ended_and_named(tmp_path: Path) -> None:
     blocked = "signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGALRM])"
     source = f"import signal\ndef test_bad():\n    {blocked}\n    time.sleep(60)"
     (tmp_path / "pytest.ini").write_text(

@@ -48,7 +48,7 @@ def test_a_picture_is_made_of_the_steps_asked_for(run_folder: Path, tmp_path: Pa
         (["--show", "mesh"], "mesh.pvd: not readable as the series that play writes"),
     ],
 )
-def test_what_is_wrong_is_one_line(run_folder: Path, tmp_path: Path, arguments: list[str], said: str) -> None:
+def test_wrong_arguments_are_one_line(run_folder: Path, tmp_path: Path, arguments: list[str], said: str) -> None:
     status, text = plot(run_folder, "--out", tmp_path / "a.png", *arguments)
     assert (status, said in text, text.count("\n")) == (2, True, 1)
     assert not (tmp_path / "a.png").exists()

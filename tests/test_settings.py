@@ -48,7 +48,7 @@ def test_a_wrong_value_is_named_with_its_key_and_what_was_expected(key: str, val
     assert error.details == {"setting": key, "value": repr(value)}
 
 
-def test_what_cannot_be_combined_is_refused_with_both_names() -> None:
+def test_settings_that_cannot_be_combined_are_refused_with_both_names() -> None:
     with pytest.raises(InvalidInput, match=r"reduction = 'greedy': expected basis .*, got 'tps'") as caught:
         MethodSettings.from_mapping({"reduction": "greedy", "basis": "tps"})
     assert (caught.value.code, caught.value.details) == ("INVALID_ARGUMENT.SETTINGS", {"setting": "reduction"})

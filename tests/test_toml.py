@@ -23,7 +23,7 @@ def nested(parts: int) -> dict[str, Any]:
     return {"a": nested(parts - 1)} if parts else {"b": 1}
 
 
-def test_what_people_write_is_read() -> None:
+def test_usual_files_are_read() -> None:
     floats = ", ".join(["0.5", "-1.25e-3"] * 500)
     names = ", ".join(['"x.y"'] * 500)
     text = f"a = [{floats}]\nb = 'mesh.v1.2.msh ... and so on.'\nc = [{names}]"

@@ -43,7 +43,7 @@ def differing(entry: dict[str, Any], target: Path, *, write: bool) -> list[str]:
     for name, content in fetch(entry["package"], entry["version"], list(entry["files"])).items():
         here = target / entry["package"] / Path(name).name
         if hashlib.sha256(content).hexdigest() != entry["files"][name]:
-            wrong.append(f"{entry['package']}@{entry['version']}: {name} has another sum than vendor.toml")
+            wrong.append(f"{entry['package']}@{entry['version']}: the sum of {name} differs from vendor.toml")
         elif write:
             here.parent.mkdir(parents=True, exist_ok=True)
             here.write_bytes(content)

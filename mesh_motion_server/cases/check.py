@@ -127,7 +127,7 @@ def _predicted(report: CheckReport, prediction: Prediction, seconds: float) -> C
 
 
 def _odd_motion(mesh: MeshFile, case: Case, program: MotionProgram) -> list[str]:
-    """Warnings for a motion that is probably a mistake: in another unit than the mesh, or out of its domain."""
+    """Warnings for a motion that is probably a mistake: in a unit that is not the mesh's, or out of its domain."""
     displacements = [program.displacement(step) for step in range(1, program.count + 1)]
     if doubt := other_unit(mesh.points, np.concatenate(displacements), _NEAREST):
         return [doubt]

@@ -39,8 +39,9 @@ def main() -> NoReturn:
 
 
 def _open_standard_streams() -> None:
-    """Open the standard streams that are closed, as in daemons: their numbers would go to the next files and sockets,
-    here and in children, and the output would go there.
+    """Open the standard streams that are closed, as in daemons.
+
+    Otherwise the next files and sockets get their numbers, here and in child processes, and output is written to them.
     """
     while (descriptor := os.open(os.devnull, os.O_RDWR)) <= 2:
         os.set_inheritable(descriptor, True)

@@ -139,7 +139,7 @@ def _behind(data: bytes, end: int) -> int:
     """The place after a section whose body ends at ``end``."""
     found = _BODY_END.match(data, end)
     if found is None:
-        raise ValueError(f"the section before byte {end} has another length than its header says")
+        raise ValueError(f"the section before byte {end} does not have the length that its header states")
     return found.end()
 
 

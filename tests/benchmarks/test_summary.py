@@ -150,7 +150,7 @@ def test_plans_name_what_exists(plan: str) -> None:
     assert plan != "quick" or sum(job.seconds for job in jobs) < 180
 
 
-def test_what_there_is_no_time_for_is_left_out_and_what_fails_is_said(
+def test_benchmarks_without_time_are_left_out_and_failures_are_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, evidence: Evidence
 ) -> None:
     done = []

@@ -88,7 +88,7 @@ RIGID = "rigid = { translation = [0.05, 0.02], rotation = 10.0, centre = [0.5, 0
         ('file = "mesh.npz"', "file = 3", "mesh.file: expected a valid string, got 3"),
     ],
 )
-def test_what_does_not_fit_is_named_in_one_line(make_case, old: str, new: str, message: str) -> None:
+def test_a_wrong_entry_is_named_in_one_line(make_case, old: str, new: str, message: str) -> None:
     path = make_case((old, new))
     with pytest.raises(InvalidInput) as caught:
         read_case(path)

@@ -32,7 +32,7 @@ def test_a_mesh_without_patches_is_usable_but_odd(make_case) -> None:
     assert any("no patches" in warning for warning in check(path).warnings)
 
 
-def test_what_is_odd_becomes_a_warning(make_case) -> None:
+def test_an_odd_mesh_gets_warnings(make_case) -> None:
     path = make_case(("0.6", "0.05"), ('outer = "fixed"', 'outer = "moving"'))
     mesh = read_mesh(path.parent / "mesh.npz")
     write_npz(mesh.path, replace(mesh, points=np.vstack([mesh.points, [[9.0, 9.0]]])))
@@ -94,7 +94,7 @@ def test_a_case_chooses_one_zone_of_its_mesh(make_case) -> None:
 
 
 @pytest.mark.parametrize("of_the_mesh", [False, True])
-def test_what_solvers_accept_is_accepted_with_a_line_for_each(make_case, of_the_mesh: bool) -> None:
+def test_meshes_that_solvers_accept_are_accepted_with_a_line_for_each_oddity(make_case, of_the_mesh: bool) -> None:
     path = make_case()
     mesh = read_mesh(path.parent / "mesh.npz")
     triangles, block = mesh.cells["triangle"].copy(), mesh.patches["block"]

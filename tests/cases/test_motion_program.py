@@ -77,7 +77,7 @@ def test_a_table_may_name_the_nodes_in_any_order(make_case) -> None:
     np.testing.assert_array_equal(motion.displacement(2), 2.0 * np.stack([motion.nodes, -motion.nodes], axis=1))
 
 
-def test_what_does_not_fit_in_a_table_is_named(make_case) -> None:
+def test_a_wrong_table_of_motions_is_named(make_case) -> None:
     path = make_case(TABLE)
     nodes = read_mesh(path.parent / "mesh.npz").patches["block"]
     zero = np.zeros((2, len(nodes), 2))

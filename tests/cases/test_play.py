@@ -355,7 +355,7 @@ def test_a_case_through_a_real_server(make_case, server: Server, tmp_path: Path)
     np.testing.assert_array_equal(again.points, played.points)
 
 
-def test_what_the_server_refuses_leaves_no_final_mesh_and_no_session(make_case, server: Server, tmp_path: Path) -> None:
+def test_a_refused_motion_leaves_no_final_mesh_and_no_session(make_case, server: Server, tmp_path: Path) -> None:
     out = tmp_path / "out"
     through_the_wall = make_case(("[0.05, 0.02], rotation = 10.0, centre = [0.5, 0.5]", "[0.9, 0.0]"))
     with pytest.raises(QualityRefused) as refused:

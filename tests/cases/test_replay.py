@@ -313,7 +313,7 @@ def test_steps_before_another_life_are_replayed(folder: Path, monkeypatch: pytes
     assert recorded.notes == ["the steps from 5 on were repeated while no history was recorded"]
 
 
-def test_what_does_not_verify_ends_the_replay_before_it_begins(folder: Path, tmp_path: Path) -> None:
+def test_a_damaged_record_ends_the_replay_before_it_begins(folder: Path, tmp_path: Path) -> None:
     copy = tmp_path / "copy"
     shutil.copytree(folder, copy)
     (path,) = (copy / "history").glob("boundary-*.bin")
@@ -351,7 +351,7 @@ def test_a_copy_taken_while_the_session_lives_is_replayed(tmp_path: Path) -> Non
     assert comparison.agreement.exact
 
 
-def test_what_cannot_be_replayed_says_why(folder: Path, tmp_path: Path) -> None:
+def test_a_folder_that_cannot_be_replayed_is_refused_with_the_reason(folder: Path, tmp_path: Path) -> None:
     with pytest.raises(DataLoss, match="is no session's folder"):
         read_recorded(tmp_path)
     for name, pattern in (("history", "not recorded from step 1 on"), ("mesh.bin", "mesh")):

@@ -3,7 +3,6 @@
 import contextlib
 import json
 import os
-import threading
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +11,6 @@ from mesh_motion_client import Keys, Mesh, Patch, connect
 
 from mesh_motion_server.security.key_folder import admit, make_client_keys, make_server_keys
 from tests.faults.server_process import ServerProcess
-from tests.faults.waiting import PATIENCE
 
 HERE = Path(__file__).parent
 #: A checkout on the path of the tests is that of the server too.
@@ -112,35 +110,3 @@ def client(server):
 def session(client, mesh):
     with client.open(mesh, {"support_radius": 1.0}, label="test") as session:
         yield session
-
-
-@pytest.fixture
-def background():
-    """Runs a call in a thread; returns a function that waits for its result or raises its error."""
-    threads = []
-
-    def background(call):
-        outcome = {}
-
-        def run():
-            try:
-                outcome["result"] = call()
-            except BaseException as error:
-                outcome["error"] = error
-
-        thread = threading.Thread(target=run)
-        threads.append(thread)
-        thread.start()
-
-        def result(seconds=PATIENCE):
-            thread.join(seconds)
-            assert not thread.is_alive(), "the call did not return"
-            if "error" in outcome:
-                raise outcome["error"]
-            return outcome["result"]
-
-        return result
-
-    yield background
-    for thread in threads:
-        thread.join(PATIENCE)

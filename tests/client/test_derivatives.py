@@ -55,7 +55,7 @@ def test_wrong_shapes_are_refused_here(session):
 @pytest.mark.parametrize(
     "wrong", [np.full((SIDE, 2), 1j), [["a", "b"]] * SIDE, np.ma.masked_less(np.zeros((SIDE, 2)), 1)]
 )
-def test_what_are_no_numbers_is_refused_by_its_name(session, wrong):
+def test_arguments_that_are_not_numbers_are_refused_by_name(session, wrong):
     with pytest.raises(InvalidInput, match="velocity must be numbers: "):
         session.tangent(wrong)
     with pytest.raises(InvalidInput, match="boundary_velocity must be numbers: "):

@@ -70,7 +70,7 @@ def test_pictures_are_figures_that_a_notebook_shows(session):
     assert sum(drawn.get_ylim()) / 2 == pytest.approx(middle)
 
 
-def test_what_cannot_be_drawn_says_why(client, session):
+def test_a_move_or_session_that_cannot_be_drawn_is_refused_with_the_reason(client, session):
     with pytest.raises(InvalidInput, match="since the reference mesh"):
         session.move(UP, frame="committed").plot()
     session.close()

@@ -216,7 +216,7 @@ def test_a_package_that_is_missing_is_named_with_the_way_to_it(monkeypatch, pack
 
 
 @pytest.mark.parametrize("read", [Mesh.from_pyvista, Mesh.from_meshio])
-def test_what_is_no_mesh_of_the_package_is_named(read):
+def test_an_object_of_another_package_is_named(read):
     with pytest.raises(InvalidInput, match=r"expected a .*, got str \(.*Mesh.load of a file"):
         read("wing.vtu", ROLES)
 

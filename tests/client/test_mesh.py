@@ -38,7 +38,7 @@ def test_cell_types_and_roles_are_the_servers():
         (lambda: Mesh(POINTS, {}, global_ids=[1, 2]), "one number for each point, got 2 for 3 points"),
     ],
 )
-def test_what_is_wrong_is_named(build, message):
+def test_a_wrong_mesh_is_refused_by_the_first_error(build, message):
     with pytest.raises(InvalidInput, match=message):
         build()
 

@@ -80,7 +80,7 @@ def test_a_server_that_others_reach_does_not_offer_it(lasting_server):
         assert client.welcome.features == []
 
 
-def test_what_is_in_use_is_not_written_to(session, taken):
+def test_memory_in_use_is_not_overwritten(session, taken):
     kept = moves(session, 8)
     before = [array.copy() for array in kept]
     assert [in_shared_memory(array) for array in kept] == [False] + 4 * [True] + 3 * [False]
@@ -108,7 +108,7 @@ def test_a_worker_that_is_killed_loses_nothing(server, session):
     session.commit()
 
 
-def test_what_the_user_changes_is_not_what_the_server_keeps(session):
+def test_changes_by_the_user_do_not_reach_the_server(session):
     session.move(rows(1))
     moved = session.move(rows(2)).displacement
     expected = session.points("reference") + moved

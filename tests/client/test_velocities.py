@@ -64,7 +64,7 @@ def test_swept_volumes_by_cells_and_of_faces(session):
         session.move(bulge(0.2), report="swept", swept_faces=[[0, 900]])
 
 
-def test_what_is_missing_is_named_with_the_way_out(session):
+def test_a_missing_time_or_setting_is_named_with_the_way_out(session):
     with pytest.raises(InvalidInput, match=r"time is missing.*give the MOVE the time"):
         session.move(bulge(0.1), velocity="bdf2")
     with pytest.raises(SessionError, match="open it with time_levels = 'bossak'"):

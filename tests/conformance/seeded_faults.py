@@ -54,25 +54,130 @@ def listed_in(faults):
     return fault
 
 
-FAULTS = []
-fault = listed_in(FAULTS)
-
-
 def nothing(*_, **__):
     return None
 
 
+def replacing(*changes):
+    """Seed a fault by changes: an object, its attribute, and the wrong value."""
+
+    def seed(patch):
+        for change in changes:
+            patch.setattr(*change)
+
+    return seed
+
+
+def around(owner, name, wrong):
+    """As ``replacing``; the wrong function gets the right one as its first argument."""
+    right = getattr(owner, name)
+    return replacing((owner, name, lambda *given, **named: wrong(right, *given, **named)))
+
+
+#: Faults of one wrong function; longer ones follow.
+FAULTS = [
+    # exactly once
+    Fault("forgets what was executed", replacing((ReplyTable, "find", nothing)),
+          ("10.1-repeat-of-MOVE", "10.1-MOVE-counts-once", "10.1-UPLOAD-appends-once", "10.1-repeat-of-COMMIT")),
+    Fault("takes another content for a repeat", replacing((ReplyTable, "_same", lambda self, known, request: known)),
+          ("10.2-MOVE-other-displacement", "10.2-MOVE-one-bit-of-it", "10.2-COMMIT-then-MOVE")),
+    Fault("takes memory for content", replacing((digests, "_NO_CONTENT", {"epoch"})), ("22.7-memory-is-no-content",)),
+    Fault("passes over arrays in the content", replacing((digests, "_blocks", lambda array, dtype: [])),
+          ("10.2-MOVE-other-displacement", "10.2-MOVE-one-bit-of-it")),
+    Fault("keeps fewer replies than it says",
+          around(ReplyTable, "__init__", lambda init, self, per_client, *rest: init(self, 2, *rest)),
+          ("6-more-replies-than-stored",)),
+    # who may
+    Fault("lets fenced holders go on",
+          around(Holders, "check_address",
+                 lambda check, self, request: check(self, replace(request, epoch=self._session.epoch))),
+          ("11.3-MOVE-of-an-older-epoch", "11.3-STATUS-of-an-older-epoch", "17-ABORTED.FENCED")),
+    Fault("raises the epoch twice",
+          around(Session, "resume", lambda resume, self: resume(self) and resume(self)),
+          ("11.3-RESUME-raises-the-epoch",)),
+    Fault("takes requests of strangers", replacing((Holders, "check_joined", nothing)),
+          ("7-STATUS-before-JOIN", "7-MOVE-before-JOIN", "9.1-other-partitions-connection")),
+    Fault("takes every token at JOIN", replacing((StoredSpec, "admits", lambda self, token: True)),
+          ("11.8-JOIN-with-a-wrong-token",)),
+    Fault("takes every token at PROBE",
+          replacing((Registry, "authorised", lambda self, session, token: self.live.get(session))),
+          ("11.8-PROBE-wrong-token",)),
+    # durability
+    Fault("never stores a relaxed commit",
+          replacing((RelaxedKeeper, "_run", nothing), (RelaxedKeeper, "catch_up", nothing)),
+          ("21.2-durable-step-relaxed", "21.3-CLOSE-and-RESUME-relaxed")),
+    Fault("logs no commit", replacing((ReplayKeeper, "commit", nothing), (ReplayKeeper, "rest", nothing)),
+          ("21.3-CLOSE-and-RESUME-replay",)),
+    Fault("calls an older step durable", replacing((FullKeeper, "durable_after", lambda self, step: step - 1)),
+          ("21.2-durable-step-full", "21.2-durable-step-replay")),
+    # states and results
+    Fault("does not look at the step", replacing((Session, "require_next_step", nothing)),
+          ("12-MOVE-step-next-but-one", "12-ROLLBACK-step-committed-already", "7.2-MOVE-of-another-step")),
+    Fault("takes any quality", replacing((session_module, "refuse_unacceptable", lambda *_: [])),
+          ("23.8-bad-quality-is-refused",)),
+    Fault("corrects nothing", replacing((session_module, "is_good", lambda method, quality: True)),
+          ("23.7-bad-cells-are-corrected", "23.7-larger-region")),
+    Fault("frees nodes whose cells it has not", replacing((Elsewhere, "require_here", nothing)),
+          ("23.7-larger-region",)),
+    Fault("lets every client judge", replacing((Session, "require_client_evaluation", nothing)),
+          ("8-JUDGE-where-the-server-judges",)),
+    Fault("answers the weights of some nodes twice",
+          around(MergedMesh, "scatter_moving", lambda honest, *given: [2 * own for own in honest(*given)]),
+          ("24.1-transpose",)),
+    Fault("answers the first vector only",
+          around(Session, "_by_vector", lambda honest, self, given, apply: honest(self, given[:, :2] * 2, apply)),
+          ("24.1-moving-nodes", "24.3-columns")),
+    Fault("differentiates whatever there is",
+          replacing((Session, "require_slope", lambda self, operation, what: self.admit(operation)),
+                    (Session, "_points_of", lambda self, what: self.coordinates("committed"))),
+          ("24.2-no-trial", "24.6-no-derivative")),
+    Fault("takes any time", replacing((Session, "require_later", nothing)), ("25.1-times-grow",)),
+    Fault("does not ask for times",
+          replacing((Session, "require_time_of_commit", nothing), (Session, "require_velocity", nothing)),
+          ("25.3-levels-take-a-time", "25.4-missing")),
+    Fault("sweeps all faces of the cells in any case",
+          around(Session, "swept", lambda honest, self, partition, faces: honest(self, partition, None)),
+          ("25.7-given-faces",)),
+    Fault("sweeps with the areas of the new mesh",
+          around(swept_volumes, "_swept", lambda honest, before, after: honest(after, 2 * after - before)),
+          ("25.5-conservation",)),
+    Fault("answers the velocities of a way twice as long",
+          around(Session, "_velocities", lambda honest, *given: [2 * own for own in honest(*given)]),
+          ("25.2-tangent",)),
+    Fault("answers the field at rest", replacing((Session, "field", lambda self, frame: self._built.field)),
+          ("23.9-field-survives",)),
+    Fault("digests in the wrong byte order",
+          around(digests, "frames_of", lambda honest, array: honest(np.ascontiguousarray(array).byteswap())),
+          ("16-one-move", "16-after-a-rollback")),
+    # partitions
+    Fault("does not compare what partitions ask for", replacing((Gathering, "check_agreement", nothing)),
+          ("9.2-MOVE-and-COMMIT", "9.2-two-frames", "9.2-two-numbers-of-vectors")),
+    # the wire
+    Fault("does not bound the header", replacing((header, "_admitted", lambda items, depth, too_many: items)),
+          ("4.9-13-levels", "4.9-257-items-in-a-map")),
+    Fault("does not look at ranges", replacing((schema, "_check_marker", nothing)),
+          ("4-client-of-15-bytes", "12-JOIN-token-of-31-bytes", "12-OPEN-dimension-above",
+           "12-HELLO-agent-of-257-bytes")),
+    Fault("forgets the id of what it refuses", replacing((codec, "_request_id", lambda header: (bytes(16), 0))),
+          ("4-id-with-a-wrong-type", "4-id-with-an-unknown-field")),
+    # errors, versions
+    Fault("gives no hint",
+          replacing((error_replies, "ErrorReply", lambda **fields: ErrorReply(**(fields | {"hint": ""})))),
+          ("17-FAILED_PRECONDITION.STEP", "17-NOT_FOUND")),
+    Fault("calls every error retryable",
+          replacing((error_replies, "ErrorReply", lambda **fields: ErrorReply(**(fields | {"retryable": True})))),
+          ("17-FAILED_PRECONDITION.STEP", "17-NOT_FOUND")),
+    Fault("agrees to every minor version",
+          replacing((gateway, "Welcome", lambda **fields: Welcome(**(fields | {"version": [1, 7]})))),
+          ("18.1-a-later-minor", "18.1-later-and-ours")),
+    Fault("takes control requests at a session",
+          replacing((worker, "unexpected", lambda request, *_, **__: worker.Pong(client=request.client, sequence=1))),
+          ("2.2-OPEN-at-data",)),
+]  # fmt: skip
+fault = listed_in(FAULTS)
+
+
 # --- exactly once ---
-
-
-@fault("10.1-repeat-of-MOVE", "10.1-MOVE-counts-once", "10.1-UPLOAD-appends-once", "10.1-repeat-of-COMMIT")
-def forgets_what_was_executed(patch):
-    patch.setattr(ReplyTable, "find", nothing)
-
-
-@fault("10.2-MOVE-other-displacement", "10.2-MOVE-one-bit-of-it", "10.2-COMMIT-then-MOVE")
-def takes_another_content_for_a_repeat(patch):
-    patch.setattr(ReplyTable, "_same", lambda self, known, request: known)
 
 
 @fault("10.2-epoch-is-no-content")
@@ -81,16 +186,6 @@ def takes_the_epoch_for_content(patch):
         return digests.request_digest(message) + bytes([getattr(message, "epoch", 0) % 256])
 
     patch.setattr(commands, "request_digest", with_epoch)
-
-
-@fault("22.7-memory-is-no-content")
-def takes_memory_for_content(patch):
-    patch.setattr(digests, "_NO_CONTENT", {"epoch"})
-
-
-@fault("10.2-MOVE-other-displacement", "10.2-MOVE-one-bit-of-it")
-def passes_over_arrays_in_the_content(patch):
-    patch.setattr(digests, "_blocks", lambda array, dtype: [])
 
 
 @fault("10.5-error-is-not-remembered")
@@ -114,51 +209,7 @@ def opens_again_for_each_repeat(patch):
     patch.setattr(RequestBook, "enter", again)
 
 
-@fault("6-more-replies-than-stored")
-def keeps_fewer_replies_than_it_says(patch):
-    init = ReplyTable.__init__
-    patch.setattr(ReplyTable, "__init__", lambda self, per_client, *rest: init(self, 2, *rest))
-
-
-# --- who may ---
-
-
-@fault("11.3-MOVE-of-an-older-epoch", "11.3-STATUS-of-an-older-epoch", "17-ABORTED.FENCED")
-def lets_fenced_holders_go_on(patch):
-    check = Holders.check_address
-    patch.setattr(
-        Holders, "check_address", lambda self, request: check(self, replace(request, epoch=self._session.epoch))
-    )
-
-
-@fault("11.3-RESUME-raises-the-epoch")
-def raises_the_epoch_twice(patch):
-    resume = Session.resume
-    patch.setattr(Session, "resume", lambda self: resume(self) and resume(self))
-
-
-@fault("7-STATUS-before-JOIN", "7-MOVE-before-JOIN", "9.1-other-partitions-connection")
-def takes_requests_of_strangers(patch):
-    patch.setattr(Holders, "check_joined", nothing)
-
-
-@fault("11.8-JOIN-with-a-wrong-token")
-def takes_every_token_at_JOIN(patch):
-    patch.setattr(StoredSpec, "admits", lambda self, token: True)
-
-
-@fault("11.8-PROBE-wrong-token")
-def takes_every_token_at_PROBE(patch):
-    patch.setattr(Registry, "authorised", lambda self, session, token: self.live.get(session))
-
-
 # --- durability ---
-
-
-@fault("21.2-durable-step-relaxed", "21.3-CLOSE-and-RESUME-relaxed")
-def never_stores_a_relaxed_commit(patch):
-    patch.setattr(RelaxedKeeper, "_run", nothing)
-    patch.setattr(RelaxedKeeper, "catch_up", nothing)
 
 
 @fault("21.3-CLOSE-and-RESUME-relaxed")
@@ -173,60 +224,12 @@ def closes_before_the_disk_has_it(patch):
     patch.setattr(RelaxedKeeper, "catch_up", nothing)
 
 
-@fault("21.3-CLOSE-and-RESUME-replay")
-def logs_no_commit(patch):
-    patch.setattr(ReplayKeeper, "commit", nothing)
-    patch.setattr(ReplayKeeper, "rest", nothing)
-
-
-@fault("21.2-durable-step-full", "21.2-durable-step-replay")
-def calls_an_older_step_durable(patch):
-    patch.setattr(FullKeeper, "durable_after", lambda self, step: step - 1)
-
-
 @fault("21.5-step-after-the-next-relaxed")
 def does_not_report_lost_steps(patch):
     patch.setattr(Session, "_reopened", property(lambda self: False, nothing), raising=False)
 
 
 # --- states and results ---
-
-
-@fault("12-MOVE-step-next-but-one", "12-ROLLBACK-step-committed-already", "7.2-MOVE-of-another-step")
-def does_not_look_at_the_step(patch):
-    patch.setattr(Session, "require_next_step", nothing)
-
-
-@fault("23.8-bad-quality-is-refused")
-def takes_any_quality(patch):
-    patch.setattr(session_module, "refuse_unacceptable", lambda *_: [])
-
-
-@fault("23.7-bad-cells-are-corrected", "23.7-larger-region")
-def corrects_nothing(patch):
-    patch.setattr(session_module, "is_good", lambda method, quality: True)
-
-
-@fault("23.7-larger-region")
-def frees_nodes_whose_cells_it_has_not(patch):
-    patch.setattr(Elsewhere, "require_here", nothing)
-
-
-@fault("8-JUDGE-where-the-server-judges")
-def lets_every_client_judge(patch):
-    patch.setattr(Session, "require_client_evaluation", nothing)
-
-
-@fault("24.1-transpose")
-def answers_the_weights_of_some_nodes_twice(patch):
-    honest = MergedMesh.scatter_moving
-    patch.setattr(MergedMesh, "scatter_moving", lambda self, values: [2 * own for own in honest(self, values)])
-
-
-@fault("24.1-moving-nodes", "24.3-columns")
-def answers_the_first_vector_only(patch):
-    honest = Session._by_vector
-    patch.setattr(Session, "_by_vector", lambda self, given, apply: honest(self, given[:, :2] * 2, apply))
 
 
 @fault("24.5-nothing-changes")
@@ -239,12 +242,6 @@ def drops_the_trial_for_a_derivative(patch):
         return found
 
     patch.setattr(Session, "cotangent", forgetful)
-
-
-@fault("24.2-no-trial", "24.6-no-derivative")
-def differentiates_whatever_there_is(patch):
-    patch.setattr(Session, "require_slope", lambda self, operation, what: self.admit(operation))
-    patch.setattr(Session, "_points_of", lambda self, what: self.coordinates("committed"))
 
 
 @fault("24.7-field-of-the-tangent", "24.8-counted-coefficients")
@@ -268,11 +265,6 @@ def leaves_out_what_other_nodes_count(patch):
     patch.setattr(FieldSlope, "cotangent", boundary_only)
 
 
-@fault("25.1-times-grow")
-def takes_any_time(patch):
-    patch.setattr(Session, "require_later", nothing)
-
-
 @fault("25.2-bdf1", "25.3-bdf2-survives")
 def takes_the_first_step_for_every_step(patch):
     honest = answers.scheme_velocity
@@ -293,35 +285,6 @@ def resumes_without_earlier_levels(patch):
         return found
 
     patch.setattr(Session, "resume", forgetful)
-
-
-@fault("25.3-levels-take-a-time", "25.4-missing")
-def does_not_ask_for_times(patch):
-    patch.setattr(Session, "require_time_of_commit", nothing)
-    patch.setattr(Session, "require_velocity", nothing)
-
-
-@fault("25.7-given-faces")
-def sweeps_all_faces_of_the_cells_in_any_case(patch):
-    honest = Session.swept
-    patch.setattr(Session, "swept", lambda self, partition, faces: honest(self, partition, None))
-
-
-@fault("25.5-conservation")
-def sweeps_with_the_areas_of_the_new_mesh(patch):
-    honest = swept_volumes._swept
-    patch.setattr(swept_volumes, "_swept", lambda before, after: honest(after, 2 * after - before))
-
-
-@fault("25.2-tangent")
-def answers_the_velocities_of_a_way_twice_as_long(patch):
-    honest = Session._velocities
-    patch.setattr(Session, "_velocities", lambda self, *given: [2 * own for own in honest(self, *given)])
-
-
-@fault("23.9-field-survives")
-def answers_the_field_at_rest(patch):
-    patch.setattr(Session, "field", lambda self, frame: self._built.field)
 
 
 @fault("7.2-MOVE-of-another-step", "7.2-trial-after-a-refused-move-commits")
@@ -355,12 +318,6 @@ def rounds_the_displacement(patch):
     patch.setitem(execution.COMMANDS, "MOVE", replace(command, run=rounded))
 
 
-@fault("16-one-move", "16-after-a-rollback")
-def digests_in_the_wrong_byte_order(patch):
-    frames_of = digests.frames_of
-    patch.setattr(digests, "frames_of", lambda array: frames_of(np.ascontiguousarray(array).byteswap()))
-
-
 @fault("12-FETCHED-step-with-the-reference-mesh")
 def gives_step_0_with_the_reference_mesh(patch):
     answer = fetch.answer
@@ -386,11 +343,6 @@ def answers_the_connection_that_asked_first(patch):
         return gather(self, arrival, command)
 
     patch.setattr(execution.Execution, "_gather", stubborn)
-
-
-@fault("9.2-MOVE-and-COMMIT", "9.2-two-frames", "9.2-two-numbers-of-vectors")
-def does_not_compare_what_partitions_ask_for(patch):
-    patch.setattr(Gathering, "check_agreement", nothing)
 
 
 # --- the wire ---
@@ -420,16 +372,6 @@ def passes_over_what_follows_the_map(patch):
         return unpack(frame[: reader.tell()])
 
     patch.setattr(codec, "unpack", first)
-
-
-@fault("4.9-13-levels", "4.9-257-items-in-a-map")
-def does_not_bound_the_header(patch):
-    patch.setattr(header, "_admitted", lambda items, depth, too_many: items)
-
-
-@fault("4-client-of-15-bytes", "12-JOIN-token-of-31-bytes", "12-OPEN-dimension-above", "12-HELLO-agent-of-257-bytes")
-def does_not_look_at_ranges(patch):
-    patch.setattr(schema, "_check_marker", nothing)
 
 
 @fault("12-MOVE-step-is-bool", "12-OPEN-partitions-is-bool")
@@ -475,27 +417,7 @@ def answers_twice(patch):
     patch.setattr(Gateway, "_reply", twice)
 
 
-@fault("4-id-with-a-wrong-type", "4-id-with-an-unknown-field")
-def forgets_the_id_of_what_it_refuses(patch):
-    patch.setattr(codec, "_request_id", lambda header: (bytes(16), 0))
-
-
 # --- errors, versions ---
-
-
-@fault("17-FAILED_PRECONDITION.STEP", "17-NOT_FOUND")
-def gives_no_hint(patch):
-    patch.setattr(error_replies, "ErrorReply", lambda **fields: ErrorReply(**(fields | {"hint": ""})))
-
-
-@fault("17-FAILED_PRECONDITION.STEP", "17-NOT_FOUND")
-def calls_every_error_retryable(patch):
-    patch.setattr(error_replies, "ErrorReply", lambda **fields: ErrorReply(**(fields | {"retryable": True})))
-
-
-@fault("18.1-a-later-minor", "18.1-later-and-ours")
-def agrees_to_every_minor_version(patch):
-    patch.setattr(gateway, "Welcome", lambda **fields: Welcome(**(fields | {"version": [1, 7]})))
 
 
 @fault("18.4-boot-is-one")
@@ -511,8 +433,3 @@ def leaves_a_limit_out(patch):
         return Welcome(**(fields | {"limits": limits}))
 
     patch.setattr(gateway, "Welcome", without)
-
-
-@fault("2.2-OPEN-at-data")
-def takes_control_requests_at_a_session(patch):
-    patch.setattr(worker, "unexpected", lambda request, *_, **__: worker.Pong(client=request.client, sequence=1))

@@ -167,14 +167,14 @@ def test_command_without_anybody_there_says_so_at_once_and_ends_with_69(capsys, 
     assert output.out == ""
 
 
-def test_what_listens_but_does_not_greet_is_no_server():
+def test_a_listener_without_a_greeting_is_not_a_server():
     with socket.create_server(("127.0.0.1", 0)) as silent:
         endpoint = "tcp://{}:{}".format(*silent.getsockname())
         with pytest.raises(Unreachable, match="answers a ZMTP greeting"):
             require_somebody(endpoint, 0.3)
 
 
-def test_what_is_no_endpoint_has_no_server():
+def test_a_wrong_endpoint_is_refused():
     with pytest.raises(Unreachable, match="tcp://HOST:PORT"):
         require_somebody("http://127.0.0.1", 0.3)
 
@@ -187,13 +187,13 @@ def test_a_server_with_keys_is_recognised():
             require_somebody(f"tcp://127.0.0.1:{port}", 30.0)
 
 
-def test_what_a_peer_sends_is_shown_without_steering_the_terminal():
+def test_frames_are_shown_without_control_characters():
     header = msgpack.packb({"type": "\x1b[2J", "\x9bx": "\x07"})
     shown = show_frames([header])
     assert shown.isprintable()
     assert "\\x1b[2J" in shown
 
 
-def test_who_greets_is_somebody():
+def test_a_listener_with_a_greeting_is_a_server():
     with limited_context() as context, context.socket(zmq.ROUTER) as router:
         require_somebody(f"tcp://127.0.0.1:{router.bind_to_random_port('tcp://127.0.0.1')}", 30.0)

@@ -216,7 +216,7 @@ def test_a_mesh_of_two_cell_types_and_a_basis_with_a_polynomial(server):
     assert named[0] == named[1]
 
 
-def test_what_is_refused_with_the_whole_mesh_is_refused_here(server):
+def test_refusals_are_those_of_a_session_with_the_whole_mesh(server):
     settings = SETTINGS | {"refuse_below_threshold": True, "quality_threshold": 0.9}
     mesh = whole("quad", 20)
     refusals = []
@@ -396,7 +396,7 @@ def test_after_kill_9_two_ranks_take_their_nodes_up_again(tmp_path):
             first.close()
 
 
-def test_what_draws_or_repeats_a_session_says_that_its_cells_are_elsewhere(tmp_path):
+def test_pictures_and_replay_are_refused_because_the_client_has_the_cells(tmp_path):
     mesh = whole("quad", 10)
     with connect(state=tmp_path) as client, client.open(mesh, SETTINGS, evaluation="client") as session:
         drive(session, mesh, 1)

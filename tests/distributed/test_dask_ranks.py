@@ -330,7 +330,7 @@ def test_an_unusable_cell_is_refused_at_once_although_other_ranks_wait(cluster, 
     assert time.monotonic() - began < 100.0  # they wait for 120 s
 
 
-def test_what_one_rank_or_all_refuse_leaves_the_session_usable(cluster, server, tmp_path):
+def test_a_refusal_by_one_rank_or_all_leaves_the_session_usable(cluster, server, tmp_path):
     files = write_partitions(tmp_path / "parts", box_file(*MESHES["plane"]), 3)
 
     def broken(points):

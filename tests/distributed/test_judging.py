@@ -105,7 +105,7 @@ def test_a_question_is_read_as_it_was_asked() -> None:
         {"worst": np.array([[1e300, 0, 0, 0, 0, 0, 0]])},
     ],
 )
-def test_what_does_not_fit_together_is_refused(change: dict[str, Any]) -> None:
+def test_a_report_with_inconsistent_fields_is_refused(change: dict[str, Any]) -> None:
     with pytest.raises(InvalidInput, match="JUDGE of partition 0"):
         read_report(fields(0) | change, number_of(0), partition=0)
 

@@ -49,7 +49,7 @@ def test_small_sets_take_one_round(values: list[float], machines: int, data: st.
     assert found(parts, rank) == (sorted(values)[rank], 1)
 
 
-def test_what_travels_does_not_grow_with_the_values() -> None:
+def test_messages_do_not_grow_with_the_number_of_values() -> None:
     for way in (WHOLE, ((-1.0, 0.5 * BINS, 1500),)):
         found = content(RANDOM.uniform(-1, 1, 2_000_000), way)
         assert found.bins.nbytes + found.counts.nbytes <= 6 * BINS

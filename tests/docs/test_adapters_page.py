@@ -28,7 +28,7 @@ def test_the_matrix_names_every_adapter() -> None:
     assert folders - named == set()
 
 
-def test_what_make_adapters_runs_exists() -> None:
+def test_the_tests_of_make_adapters_exist() -> None:
     """Each entry's tests, so that a moved folder is noticed."""
     check = loaded(ROOT / "adapters" / "check.py")
     for name, (_, tests, _) in check.ADAPTERS.items():

@@ -63,7 +63,7 @@ def test_a_page_is_as_it_says(page: str, tmp_path: Path) -> None:
     assert not wrong, "\n".join(wrong)
 
 
-def test_what_runs_a_block_elsewhere_exists() -> None:
+def test_files_that_run_a_block_exist() -> None:
     named = {block.value.split()[0] for blocks in BLOCKS.values() for block in blocks if block.mark == "run by"}
     named |= {runner_of(page) for page in BLOCKS} - {""}
     assert [name for name in named if not (ROOT / name).exists()] == []
@@ -90,7 +90,7 @@ def knows(test: str, page: str, block: Block) -> bool:
     return page in test or (bool(commands) and all(command in test for command in commands))
 
 
-def test_who_runs_a_block_elsewhere_knows_of_it() -> None:
+def test_files_that_run_a_block_name_it() -> None:
     said = [(page, block) for page, blocks in BLOCKS.items() for block in blocks if block.mark == "run by"]
     strangers = [
         f"{page}:{block.line}: {block.value}"
@@ -111,7 +111,7 @@ def test_a_page_with_a_test_of_its_own_is_named_there() -> None:
     assert strangers == []
 
 
-def test_what_is_not_run_says_why() -> None:
+def test_blocks_that_are_not_run_give_a_reason() -> None:
     idle = [(page, block) for page, blocks in BLOCKS.items() for block in blocks if block.mark == "not run"]
     assert [f"{page}:{block.line}" for page, block in idle if len(block.value) < 10] == []
     total = sum(map(len, BLOCKS.values()))
@@ -177,12 +177,12 @@ def test_a_story_is_played(tmp_path: Path) -> None:
         ("two 2\n```\n<!--", "two 2\none 1\n```\n<!--", "not printed: one 1"),
     ],
 )
-def test_what_a_page_says_wrongly_is_found(right: str, wrong: str, found: str, tmp_path: Path) -> None:
+def test_a_wrong_block_of_a_page_is_found(right: str, wrong: str, found: str, tmp_path: Path) -> None:
     assert right in STORY
     assert any(found in fault for fault in play(blocks_of(STORY.replace(right, wrong)), tmp_path))
 
 
-def test_what_a_story_leaves_running_is_ended(tmp_path: Path) -> None:
+def test_processes_that_a_story_leaves_are_ended(tmp_path: Path) -> None:
     story = [Block(1, "sh", "", "", "sleep 1000 > /dev/null 2>&1 & echo $! > pid\n")]
     assert play(story, tmp_path) == []
     pid = int((tmp_path / "pid").read_text())

@@ -11,7 +11,7 @@ ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "distributed.md").read_text(encoding="utf-8")
 
 
-def test_what_the_page_calls_exists() -> None:
+def test_calls_of_the_page_exist() -> None:
     shown = blocks(PAGE, "python")[1]
     assert set(re.findall(r"session\.(\w+)\(", shown)) == {"move", "commit", "write"}
     for name in re.findall(r"session\.(\w+)\(", shown):

@@ -23,7 +23,7 @@ def test_each_fault_has_what_found_it() -> None:
     assert {part for cell in found for part in cell.split(", ")} <= known
 
 
-def test_what_is_named_exists() -> None:
+def test_files_that_the_page_names_exist() -> None:
     links = re.findall(r"\]\(([^)#]+)", PAGE)
     assert all((ROOT / "docs" / link).exists() for link in links)
     paths = re.findall(r"`([a-z_]+/[a-z_/.]+)`", PAGE)

@@ -164,7 +164,7 @@ class _Writer:
         else:
             if step % 3:
                 self.journal.write_ahead(state)
-            self.journal.store(entry, state.copy() if step % 3 == 2 else state)  # another one than was expected
+            self.journal.store(entry, state.copy() if step % 3 == 2 else state)  # not the expected one
         return step
 
     def catch_up(self) -> None:

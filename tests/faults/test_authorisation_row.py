@@ -31,7 +31,7 @@ def stage(folder: Path) -> Iterator[Stage]:
         made.close()
 
 
-def test_what_is_written_down_and_the_servers_table_agree_but_are_two() -> None:
+def test_the_expected_rights_and_the_servers_table_agree_but_are_separate() -> None:
     said = {Verdict.USE: "use", Verdict.OVERSEE: "oversee"}
     cells = list(role_cells())
     assert len(cells) == len(set(cells)) == (len(COMBINATIONS) + 1) * 2 * len(REQUESTS)
@@ -80,7 +80,7 @@ def test_wrong_cells_are_found(seed: Seed, tmp_path: Path) -> None:
 
 
 @pytest.mark.nightly
-def test_what_reveals_a_session_is_found(seed: Seed, tmp_path: Path) -> None:
+def test_an_answer_that_reveals_a_session_is_found(seed: Seed, tmp_path: Path) -> None:
     seed("no delay of not found", "another hint where there is a session")
     with stage(tmp_path) as made, Wire(made.server.endpoint, made.subject) as control:
         existing = {"open": row.known(made.held(False))}

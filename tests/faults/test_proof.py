@@ -57,7 +57,7 @@ def proved(out: Path, *checks: Check, **plan: Any) -> tuple[list[str], dict[str,
     return lines, json.loads((out / "proof.json").read_text())
 
 
-def test_what_fails_is_named_and_does_not_keep_the_others_from_running(tmp_path: Path) -> None:
+def test_a_failed_row_is_named_and_the_others_still_run(tmp_path: Path) -> None:
     lines, proof = proved(tmp_path / "new" / "folder", BROKEN, MISSED, GOOD, seed=5)
     assert lines[0] == HEADING
     assert [line.split()[-1] for line in lines[1:]] == ["FAIL", "FAIL", "PASS"]

@@ -8,14 +8,7 @@ from types import MappingProxyType
 from typing import Any
 
 import pytest
-from seeded_faults import (
-    does_not_compare_what_partitions_ask_for,
-    does_not_look_at_the_step,
-    forgets_what_was_executed,
-    lets_fenced_holders_go_on,
-    takes_another_content_for_a_repeat,
-    takes_requests_of_strangers,
-)
+from seeded_faults import FAULTS
 
 from mesh_motion_server.service import dispatch, execution
 from mesh_motion_server.service.holders import Holders
@@ -217,32 +210,37 @@ def replay_loses_a_logged_step(patch: Patch) -> None:
     patch.setattr(sessions, "restore", short)
 
 
-SEEDED: tuple[Callable[[Patch], None], ...] = (
-    rollback_keeps_the_trial, forgets_what_was_executed, a_refused_move_counts, lets_fenced_holders_go_on,
-    does_not_look_at_the_step, resume_keeps_the_trial, frozen_admits_commit, takes_another_content_for_a_repeat,
-    a_second_join_leaves_the_first, takes_requests_of_strangers, does_not_compare_what_partitions_ask_for,
-    a_suspension_keeps_the_trial, strangers_are_let_in, a_build_forgets_the_epoch, a_close_that_fails_has_closed,
-    a_commit_is_answered_before_it_is_durable, fetch_shows_the_trial, the_digest_is_of_another_order,
-    a_dropped_reply_is_executed_again, those_who_wait_are_forgotten, more_is_called_durable_than_is,
-    replay_loses_a_logged_step,
+#: Faults that the conformance cases find too.
+SHARED = (
+    "forgets what was executed", "lets fenced holders go on", "does not look at the step",
+    "takes another content for a repeat", "takes requests of strangers", "does not compare what partitions ask for",
 )  # fmt: skip
-
+OWN: tuple[Callable[[Patch], None], ...] = (
+    rollback_keeps_the_trial, a_refused_move_counts, resume_keeps_the_trial, frozen_admits_commit,
+    a_second_join_leaves_the_first, a_suspension_keeps_the_trial, strangers_are_let_in, a_build_forgets_the_epoch,
+    a_close_that_fails_has_closed, a_commit_is_answered_before_it_is_durable, fetch_shows_the_trial,
+    the_digest_is_of_another_order, a_dropped_reply_is_executed_again, those_who_wait_are_forgotten,
+    more_is_called_durable_than_is, replay_loses_a_logged_step,
+)  # fmt: skip
+_KNOWN = {fault.name: fault.seed for fault in FAULTS}
+SEEDED = {name: _KNOWN[name] for name in SHARED} | {seed.__name__.replace("_", " "): seed for seed in OWN}
 
 #: Where the first lives of seed 1 do not get to it soon: others, or lives that are drawn to a state.
 SEEDS = {
-    a_second_join_leaves_the_first: 18, a_close_that_fails_has_closed: 8, does_not_compare_what_partitions_ask_for: 3,
-    a_build_forgets_the_epoch: 3, resume_keeps_the_trial: 2, those_who_wait_are_forgotten: 2,
+    "a second join leaves the first": 18, "a close that fails has closed": 8,
+    "does not compare what partitions ask for": 3, "a build forgets the epoch": 3, "resume keeps the trial": 2,
+    "those who wait are forgotten": 2,
 }  # fmt: skip
-DRAWN_TO = {frozen_admits_commit: "FROZEN"}
+DRAWN_TO = {"frozen admits commit": "FROZEN"}
 
 
-@pytest.mark.parametrize("seed_bug", SEEDED, ids=lambda bug: bug.__name__)
-def test_a_seeded_bug_is_found(protection: Protection, monkeypatch: Patch, seed_bug: Callable[[Patch], None]) -> None:
-    seed_bug(monkeypatch)
-    to = DRAWN_TO.get(seed_bug)
+@pytest.mark.parametrize("bug", SEEDED)
+def test_a_seeded_bug_is_found(protection: Protection, monkeypatch: Patch, bug: str) -> None:
+    SEEDED[bug](monkeypatch)
+    to = DRAWN_TO.get(bug)
     visited = {cell for cell in CELLS if to and cell[0] != to}
     for number in range(100):
-        life, random = nth_life(SEEDS.get(seed_bug, 1), number)
+        life, random = nth_life(SEEDS.get(bug, 1), number)
         try:
             life.grow(protection, random, visited)
         except Exception:
@@ -250,7 +248,7 @@ def test_a_seeded_bug_is_found(protection: Protection, monkeypatch: Patch, seed_
     pytest.fail("100 lives have not shown it")
 
 
-def test_what_fails_is_shortened_and_can_be_replayed(monkeypatch: Patch) -> None:
+def test_a_failing_sequence_is_shortened_and_can_be_replayed(monkeypatch: Patch) -> None:
     rollback_keeps_the_trial(monkeypatch)
     with pytest.raises(BrokenPromise, match="iteration") as caught:
         CHECK.run(1, Budget(100))

@@ -389,7 +389,7 @@ def swell(node: Any) -> None:
         (broken(lambda b, z: swell(z["GridCoordinates"]["CoordinateX"])), "0 bytes that hold 8000000000 or more"),
     ],
 )  # fmt: skip
-def test_what_does_not_fit_is_refused_in_one_line(tmp_path: Path, fill: Any, message: str) -> None:
+def test_a_wrong_file_is_refused_in_one_line(tmp_path: Path, fill: Any, message: str) -> None:
     path = make(tmp_path / "m.cgns", np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]]), fill)
     one_line(path, message)
 

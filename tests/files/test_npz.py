@@ -70,7 +70,7 @@ def test_narrow_numbers_are_widened(tmp_path: Path) -> None:
         ({"points": np.array([[None]]), "cells_triangle": TRIANGLE}, "archive of plain arrays"),
     ],
 )
-def test_what_does_not_fit_is_refused_in_one_line(tmp_path: Path, arrays: dict[str, object], message: str) -> None:
+def test_wrong_arrays_are_refused_in_one_line(tmp_path: Path, arrays: dict[str, object], message: str) -> None:
     path = archive(tmp_path / "bad.npz", **arrays)
     one_line(path, message)
 

@@ -98,7 +98,7 @@ def with_rows(text: str, *changes: tuple[str, str]) -> str:
     return text
 
 
-def test_what_solvers_do_not_mind(tmp_path: Path) -> None:
+def test_variants_that_solvers_accept_are_read(tmp_path: Path) -> None:
     """Other spellings, blanks, missing numbers, boxes that deform, markers without a name or without elements."""
     text = with_rows(
         SQUARE,

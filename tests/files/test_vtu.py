@@ -457,7 +457,7 @@ def test_curves_and_surfaces_are_numbered_apart(tmp_path: Path, suffix: str) -> 
         ("GeometryIds", [101, 102]),
     ],
 )
-def test_what_converters_call_patches_is_a_patch(tmp_path: Path, suffix: str, array: str, values: list[int]) -> None:
+def test_patch_arrays_of_converters_are_patches(tmp_path: Path, suffix: str, array: str, values: list[int]) -> None:
     meshio = pytest.importorskip("meshio")
     points = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
     cells = [("tetra", [[0, 1, 2, 3]]), ("triangle", [[0, 2, 3], [0, 1, 3]])]

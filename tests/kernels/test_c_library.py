@@ -160,7 +160,7 @@ def test_two_scales_have_the_bits_of_the_server(library: ctypes.CDLL, d: int, k:
 
 
 @pytest.mark.parametrize(("d", "k"), [(1, 1), (2, 2), (3, 3), (3, 5)])
-def test_what_coefficients_count_has_the_bits_of_the_server(library: ctypes.CDLL, d: int, k: int) -> None:
+def test_counts_of_coefficients_have_the_bits_of_the_server(library: ctypes.CDLL, d: int, k: int) -> None:
     spline, points = nested_spline(d, k), places(d)
     weights, counts = np.random.default_rng(5).normal(size=(len(points), k)), spline.coefficients.copy()
     arguments = c_int64(len(points)), pointer(points), c_int64(k), pointer(weights), pointer(counts)
@@ -319,7 +319,9 @@ def _interpolant(basis: bytes | None = b"gauss", radius: float = 1.0, d: int = 2
         (("spline", c_int64(3), c_int64(0), None, None, None, None, c_int64(0), c_int64(1), None), "cells: expected"),
     ],
 )  # fmt: skip
-def test_what_cannot_be_made_is_refused(library: ctypes.CDLL, arguments: tuple[Any, ...], message: str) -> None:
+def test_wrong_arguments_of_a_constructor_are_refused(
+    library: ctypes.CDLL, arguments: tuple[Any, ...], message: str
+) -> None:
     handle = Handle(library, *arguments)
     assert handle.made == INVALID_ARGUMENT
     assert handle.at.value is None
@@ -415,7 +417,7 @@ def test_the_header_is_free_of_warnings(compiler: list[str]) -> None:
     run(*compiler, *WARNINGS, "-fsyntax-only", SOURCE / "include" / "mesh_motion_kernels.h")
 
 
-def test_what_is_exported_is_what_the_header_declares(c_kernels: Path) -> None:
+def test_the_library_exports_exactly_the_declared_functions(c_kernels: Path) -> None:
     need("nm", "objdump")
     shared = c_kernels / "lib" / "libmesh_motion_kernels.so"
     names = set(re.findall(r" T (\w+)", run("nm", "-D", "--defined-only", shared)))

@@ -5,8 +5,9 @@ from functools import cache
 import numpy as np
 from correction_cases import BodyMesh
 from frame_meshes import tensor_grid, without_unused
+from mesh_motion_numerics.correction.free_region import FreeRegion, free_region
 from mesh_motion_numerics.mesh.cells import CellTable
-from mesh_motion_numerics.quality.metrics import reference_sizes
+from mesh_motion_numerics.quality.metrics import cells_at_rest, reference_sizes
 
 _TRIANGLES = ((0, 1, 2), (0, 2, 3))
 _WEDGES = ((0, 1, 2, 4, 5, 6), (0, 2, 3, 4, 6, 7))
@@ -57,3 +58,13 @@ def _oriented(points: np.ndarray, cells: dict[str, np.ndarray]) -> dict[str, np.
         if negative.any():
             out[name][negative] = nodes[negative][:, _MIRRORED[name]]
     return out
+
+
+def shaken(kind: str, size: float = 0.02, *, relative: bool = False) -> tuple[np.ndarray, FreeRegion]:
+    """A box mesh whose free nodes are moved at random, and its free region; sizes as lengths or as at rest."""
+    mesh = box_mesh(kind, 5)
+    sizes = cells_at_rest(mesh.points, mesh.cells) if relative else mesh.sizes
+    region = free_region(mesh.points, mesh.cells, sizes, ~mesh.held)
+    points = mesh.points[region.nodes].copy()
+    points[: region.n_free] += size * np.random.default_rng(1).normal(size=(region.n_free, points.shape[1]))
+    return points, region

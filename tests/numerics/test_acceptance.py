@@ -7,9 +7,7 @@ from mesh_motion_numerics.motion.acceptance import largest_accepted
 @pytest.mark.parametrize("certain", [False, True])
 @pytest.mark.parametrize("limit", [0.0, 0.005, 0.3, 0.7, 0.99])
 @pytest.mark.parametrize("plain", [0.0, 0.1, 0.5])
-def test_what_is_found_is_accepted_in_few_trials_and_written_in_three_digits(
-    limit: float, plain: float, certain: bool
-) -> None:
+def test_the_accepted_fraction_needs_few_trials_and_has_three_digits(limit: float, plain: float, certain: bool) -> None:
     asked: list[float] = []
 
     def accepts(fraction: float) -> bool:

@@ -4,7 +4,7 @@ bound.
 
 import numpy as np
 import pytest
-from box_meshes import CELL_KINDS, box_mesh
+from box_meshes import CELL_KINDS, shaken
 from correction_cases import stored
 from mesh_motion_numerics.correction.cell_distortion import cell_groups, mean_cell_distortion
 from mesh_motion_numerics.correction.distortion import PNorm, mean_distortion
@@ -15,15 +15,6 @@ from mesh_motion_numerics.quality.metrics import cell_quality, cells_at_rest
 from scipy.sparse import bsr_matrix
 
 NORMS = (PNorm(8, 2, of="cells"), PNorm(60, 8, of="cells", size_weight=1.0))
-
-
-def shaken(kind: str, size: float = 0.02, *, relative: bool = False) -> tuple[np.ndarray, FreeRegion]:
-    mesh = box_mesh(kind, 5)
-    sizes = cells_at_rest(mesh.points, mesh.cells) if relative else mesh.sizes
-    region = free_region(mesh.points, mesh.cells, sizes, ~mesh.held)
-    points = mesh.points[region.nodes].copy()
-    points[: region.n_free] += size * np.random.default_rng(1).normal(size=(region.n_free, points.shape[1]))
-    return points, region
 
 
 @pytest.mark.parametrize("kind", CELL_KINDS)

@@ -117,7 +117,7 @@ def test_a_motion_through_the_wall_is_refused(correction: str) -> None:
     assert quality.inverted.any()
 
 
-def test_what_no_node_can_mend_is_refused_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_inverted_cell_without_free_nodes_is_refused_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     mesh = box_mesh("tetra")
     held = mesh.held.copy()
     nodes = mesh.cells.blocks[0].nodes

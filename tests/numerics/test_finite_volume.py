@@ -185,7 +185,7 @@ def test_facets_are_matched_as_one_by_one() -> None:
             assert owner in sides[tuple(sorted(v for v in nodes if v >= 0))]
 
 
-def test_what_has_no_faces_has_no_measures() -> None:
+def test_meshes_without_faces_have_no_measures() -> None:
     assert face_measures(np.arange(3.0)[:, None], CellTable.from_arrays({"line": np.array([[0, 1], [1, 2]])})) is None
     single = measured(np.array([[0, 0], [1, 0], [0, 1]]), CellTable.from_arrays({"triangle": np.array([[0, 1, 2]])}))
     assert single.numbers() | {"max_skewness": 0} == {

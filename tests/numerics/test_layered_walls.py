@@ -58,7 +58,7 @@ def test_first_cells_keep_their_height_through_a_pitch_of_20_degrees_and_a_plung
     assert stretch(model, alone.move(grid.points, targets).points) > 0.01
 
 
-def test_what_is_not_spoiled_is_left_to_the_interpolation() -> None:
+def test_layers_that_the_interpolation_keeps_are_left_to_it() -> None:
     grid = o_grid("blunt", first=1e-5, far=1000.0)
     model = model_of(grid, correction="optimised")
     targets = pitched(grid.points[model.roles.moving], 5.0, 0.1)

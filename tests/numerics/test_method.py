@@ -39,7 +39,7 @@ def test_bases_are_those_that_can_be_used_and_reductions_take_the_definite_ones(
         ({"reduction": "greedy", "displacement": "absolute"}, "optimised", "absolute"),
     ],
 )
-def test_what_is_left_out_is_chosen(named: dict[str, Any], correction: str, displacement: str) -> None:
+def test_keys_that_are_left_out_are_chosen(named: dict[str, Any], correction: str, displacement: str) -> None:
     """A coupled run needs no setting; a key of another kind of motion chooses that kind, as before."""
     method = Method(**named)
     assert (method.correction, method.displacement) == (correction, displacement)

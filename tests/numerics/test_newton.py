@@ -3,20 +3,11 @@
 import mesh_motion_kernels as kernels
 import numpy as np
 import pytest
-from box_meshes import box_mesh
+from box_meshes import shaken
 from mesh_motion_numerics.correction.distortion import PNorm, distortion_gradient, mean_distortion
-from mesh_motion_numerics.correction.free_region import FreeRegion, free_region
 from mesh_motion_numerics.correction.newton import Accuracy, newton
 from scipy.sparse import csr_matrix, diags, eye, kron
 from scipy.sparse.csgraph import connected_components
-
-
-def shaken(kind: str, size: float) -> tuple[np.ndarray, FreeRegion]:
-    mesh = box_mesh(kind, 5)
-    region = free_region(mesh.points, mesh.cells, mesh.sizes, ~mesh.held)
-    points = mesh.points[region.nodes].copy()
-    points[: region.n_free] += size * np.random.default_rng(1).normal(size=(region.n_free, points.shape[1]))
-    return points, region
 
 
 @pytest.mark.parametrize("kind", ["quad", "tetra", "pyramid"])

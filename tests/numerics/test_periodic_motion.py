@@ -189,7 +189,7 @@ def test_images_of_a_moving_body_move_alike_or_are_refused() -> None:
         ({"reduction": "greedy"}, "reduction = 'greedy' is not offered with periodic patches"),
     ],
 )
-def test_what_does_not_repeat_is_refused(choice: dict[str, str], said: str) -> None:
+def test_methods_that_are_not_periodic_are_refused(choice: dict[str, str], said: str) -> None:
     with pytest.raises(InvalidInput, match=said):
         model_of(periodic_box("quad", 10), **choice)
 

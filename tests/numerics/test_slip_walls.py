@@ -67,7 +67,7 @@ def tank(tilt: float) -> tuple[MotionModel, np.ndarray]:
     displacement=st.sampled_from(["relative", "absolute", "reanchored"]),
 )
 def test_slip_walls_are_never_worse_than_fixed_ones(kind, shift, angle, displacement) -> None:
-    """The tolerance is five times the loss of a motion before the walls are held (0.02 of the method's metric).
+    """The walls are held where they would cost more than 0.02 of the method's metric; the tolerance is five times that.
 
     That metric includes the size, this shape does not.
     """

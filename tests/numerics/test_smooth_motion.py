@@ -328,7 +328,7 @@ def test_the_iterations_end_at_the_minimum(monkeypatch: pytest.MonkeyPatch) -> N
     assert max(beyond) < 3e-12
 
 
-def test_who_stops_early_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_early_stop_gives_a_warning(monkeypatch: pytest.MonkeyPatch) -> None:
     model = block_model(quality_threshold=0.1)
     monkeypatch.setattr(smooth_motion, "_ITERATIONS", 1)
     motion = model.move(model.points, turned(model, 50.0))

@@ -208,7 +208,7 @@ def test_every_correction_goes_in_sub_steps(correction: str, at_least: float) ->
     assert motion.corrected.metric.min > at_least
 
 
-def test_what_no_leg_leads_to_is_refused_with_how_far_it_went() -> None:
+def test_a_motion_that_sub_steps_do_not_reach_is_refused_with_the_fraction() -> None:
     model = box_model("tetra")
     with pytest.raises(QualityRefused, match=r"sub-steps the mesh was kept valid for 0\.\d+ of the way") as refusal:
         model.move(model.points, turned(model, 180.0, 0.2))

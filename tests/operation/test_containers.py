@@ -34,7 +34,7 @@ def test_a_service_is_hardened(name):
 
 
 @pytest.mark.parametrize("name", sorted(SERVICES))
-def test_what_is_waited_for_has_a_health_check(name):
+def test_services_that_others_depend_on_have_a_health_check(name):
     for other, how in SERVICES[name].get("depends_on", {}).items():
         assert how == {"condition": "service_healthy"}
         assert SERVICES[other]["healthcheck"]["test"][0] == "CMD"
@@ -65,7 +65,7 @@ def test_compose_takes_the_file(profile):
     assert PROFILES[profile] <= set(done.stdout.split())
 
 
-def test_what_the_images_copy_reaches_the_builder():
+def test_files_that_the_images_copy_are_not_ignored():
     """Files excluded by .dockerignore cannot be copied; it names the included ones."""
     taken = re.findall(r"^!(\S+)$", (ROOT / ".dockerignore").read_text(), flags=re.MULTILINE)
     copied = [

@@ -3,8 +3,6 @@
 import csv
 import subprocess
 import sys
-import threading
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -53,28 +51,6 @@ def test_a_coupled_run_is_bitwise_the_same_across_two_restarts(serve: Any, tmp_p
     assert len(server.events("stopped")) == 2
     assert len(server.events("resume")) == 2
     assert not server.events("killed")
-
-
-@pytest.fixture
-def background() -> Iterator[Any]:
-    threads = []
-
-    def run(call: Any) -> Any:
-        results: list[Any] = []
-        thread = threading.Thread(target=lambda: results.append(call()))
-        thread.start()
-        threads.append(thread)
-
-        def result() -> Any:
-            thread.join(PATIENCE)
-            assert results, "the call did not return"
-            return results[0]
-
-        return result
-
-    yield run
-    for thread in threads:
-        thread.join(PATIENCE)
 
 
 @pytest.mark.nightly

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from bare_environment import ROOT
 
-PARTS = ["system", "kratos", "lint", "tests", "sanitize", "prove", "wheel", "bare", "docs"]
+PARTS = ["system", "kratos", "lint", "tests", "prove", "sanitize", "wheel", "bare", "docs"]
 OF_THE_KERNELS = ["another_processor", "c_library", "fuzzed_arguments"]
 OF_THE_DISTRIBUTIONS = ["distributions", "extras", "release"]
 WORKFLOWS = sorted((ROOT / ".github" / "workflows").glob("*.yml"))

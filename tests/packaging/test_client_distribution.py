@@ -72,7 +72,7 @@ def test_the_program_of_its_page_moves_a_mesh_where_the_server_is_not_installed(
     assert ended.stdout == "(45, 2) 0\n", ended.stderr
 
 
-def test_what_needs_another_package_says_so(client_alone: Callable) -> None:
+def test_a_call_that_needs_another_package_names_it(client_alone: Callable) -> None:
     mesh = "m.Mesh([[0.0], [1.0]], {'line': [[0, 1]]}, {'a': m.Patch('moving', [0, 1])})"
     server, ranks = "mesh-motion-server[server]", "mesh-motion-client[ranks]"
     for call, package in (("m.connect()", server), (f"Volume({mesh})", ranks), ("m.Mesh.load(m.__file__, {})", server)):

@@ -117,7 +117,7 @@ def test_a_version_is_three_numbers(ready: Path, version: str) -> None:
 
 @pytest.mark.nightly
 @pytest.mark.timeout(1800)
-def test_what_is_ready_passes_and_is_built_twice_the_same(
+def test_a_ready_checkout_passes_and_is_built_twice_the_same(
     ready: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     # One instruction set, and half the time of compiling: `make wheel` builds all sets, optimised.

@@ -165,7 +165,7 @@ def test_numpy_scalars_and_tuples_become_plain():
         (Open(dimension=2, settings={"x": "\ud800"}), "INVALID_ARGUMENT.HEADER"),
     ],
 )
-def test_what_is_no_message_is_not_encoded(message, code):
+def test_wrong_messages_are_not_encoded(message, code):
     with pytest.raises(ProtocolError) as caught:
         encode(message)
     assert caught.value.code == code

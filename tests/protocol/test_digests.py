@@ -26,7 +26,7 @@ MOVE = Move(
         (Commit(session="a" * 32, epoch=1, step=1, final_step=40), {"final_step": 50}),
     ],
 )
-def test_who_asks_and_how_it_is_answered_is_not_content(message, change):
+def test_sender_and_way_of_the_reply_are_not_content(message, change):
     assert request_digest(replace(message, **change)) == request_digest(message)
 
 

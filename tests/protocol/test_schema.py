@@ -19,14 +19,14 @@ def refused(value: Any, kind: Any) -> str:
     [([1, "a"], list[int]), ([[1], [1.5]], list[list[int]]), ({"a": 1, "b": "c"}, dict[str, int]), (object(), Any),
      ({"a": {"b": object()}}, dict[str, Any]), ([1, {2}], list)],
 )  # fmt: skip
-def test_what_is_inside_is_checked_too(value: Any, kind: Any) -> None:
+def test_values_inside_maps_and_arrays_are_checked_too(value: Any, kind: Any) -> None:
     assert refused(value, kind) == "INVALID_ARGUMENT.HEADER"
 
 
 @pytest.mark.parametrize(
     ("value", "kind"), [([1, 2], list[int]), ({"a": [None, 1.5, b""]}, dict[str, Any]), (3, float)]
 )
-def test_what_is_right_passes(value: Any, kind: Any) -> None:
+def test_right_values_pass(value: Any, kind: Any) -> None:
     check_value(value, FieldSpec("f", kind, (), required=True), finite=True)
 
 

@@ -100,7 +100,7 @@ def test_a_descriptor_is_given_back():
         {"process": None},
     ],
 )
-def test_what_is_no_offer_is_left_alone(change):
+def test_a_wrong_offer_of_memory_is_not_used(change):
     memory = SharedMemory(ROWS.nbytes)
     before = content(memory)
     assert len(encode(moved(), memory.offer | change)) == 3

@@ -54,7 +54,7 @@ def test_keys_are_never_overwritten(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["", "../x", "a b", "server", "-x", "x" * 65, "ä", 'a"'])
-def test_what_is_no_name(tmp_path, name):
+def test_wrong_names_are_refused(tmp_path, name):
     with pytest.raises(InvalidInput, match="name"):
         make_client_keys(name, tmp_path)
     assert not list(tmp_path.iterdir())
@@ -74,7 +74,7 @@ def test_a_secret_that_others_may_read_is_refused(tmp_path, bits):
     "text",
     ["", KEY, f"mesh-motion-public {KEY}", f"mesh-motion-public {KEY[:-1]} a", f"mesh-motion-secret {KEY} a", "\xff"],
 )
-def test_what_holds_no_public_key(tmp_path, text):
+def test_files_without_a_public_key_are_refused(tmp_path, text):
     path = tmp_path / "key"
     path.write_bytes(text.encode("latin-1"))
     with pytest.raises(KeyFileError) as error:
@@ -129,7 +129,7 @@ def test_admit_and_revoke(tmp_path):
         ("#" * ((1 << 20) + 1), "at most"),
     ],
 )  # fmt: skip
-def test_what_is_no_allow_list_admits_no_key(tmp_path, text, says):
+def test_a_wrong_allow_list_admits_no_key(tmp_path, text, says):
     path = tmp_path / "allow.toml"
     path.write_text(text)
     path.chmod(0o644)

@@ -116,7 +116,7 @@ def test_a_reply_cannot_be_changed_by_its_receiver(ready: Any) -> None:
     assert not moved.displacement.flags.writeable
 
 
-def test_what_was_executed_is_known_even_if_counting_it_fails(ready: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_executed_request_is_known_even_if_its_count_fails(ready: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     move = ready.request(Move, step=1, displacement=ready.displacement(1)[0])
     monkeypatch.setattr("mesh_motion_server.service.recorder._count", raising(KeyError("metric")))
     ready.send(move)

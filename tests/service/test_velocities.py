@@ -168,7 +168,7 @@ def test_partitions_get_what_one_gets(store: Any) -> None:
         ),
     ],
 )
-def test_what_is_missing_or_wrong_is_named(store: Any, fields: dict[str, Any], code: str, named: str) -> None:
+def test_missing_and_wrong_fields_are_named(store: Any, fields: dict[str, Any], code: str, named: str) -> None:
     driver = session(store, [boxed(6)])
     (refused,) = driver.all(Move, bulge(driver, 0.01), step=1, **fields)
     assert refused.code == code, refused

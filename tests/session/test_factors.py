@@ -27,7 +27,7 @@ def test_the_same_key_is_made_once() -> None:
     assert (cache.made["factorization"], cache.reused["factorization"]) == (1, 1)
 
 
-def test_what_a_step_has_not_used_is_dropped_when_it_is_committed() -> None:
+def test_factors_that_a_step_has_not_used_are_dropped_at_its_commit() -> None:
     cache = FactorCache(1000)
     for step in range(10):
         for iteration in range(2):

@@ -60,7 +60,7 @@ def test_a_loss_is_found(lines: list[str], said: str) -> None:
         (["resumed 2 0.1", "reply 2 2 bb", "reply 3 2 cc"], ""),
     ],
 )
-def test_what_a_relaxed_session_may_lose_and_what_not(lines: list[str], said: str) -> None:
+def test_losses_that_a_relaxed_session_may_have_and_others(lines: list[str], said: str) -> None:
     witness = Witness(level="relaxed")
     witness.check(["resumed 0 0.1", "reply 1 0 aa", "reply 2 1 bb", "reply 3 1 cc"])
     if said:

@@ -119,7 +119,7 @@ def test_a_page_reads_its_own_sessions_and_each_once(
     assert reads == [*sessions[:2], sessions[4]]
 
 
-def test_what_has_changed_is_read_again(five: SessionStore, reads: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_changed_sessions_are_read_again(five: SessionStore, reads: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(listing, "_SETTLED_SECONDS", -1.0)
     driver = driver_at_rest(five, "f" * 32)
     assert [found.step for found in five.sessions()] == [1] * 6
@@ -168,7 +168,7 @@ def test_of_large_meshes_a_list_reads_heads_only(journal: Any) -> None:
     assert files.read_bytes - before < 200 < len(files.entries[folder / "mesh.bin"].cache)
 
 
-def test_what_may_still_change_unseen_is_not_remembered(five: SessionStore, reads: list[str]) -> None:
+def test_sessions_that_changed_within_a_tick_are_not_remembered(five: SessionStore, reads: list[str]) -> None:
     """Within one tick of a file system's clock two changes have the same time."""
     five.sessions()
     five.sessions()

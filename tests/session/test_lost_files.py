@@ -134,7 +134,7 @@ def test_an_older_backups_mark_among_newer_files_removes_nothing(
         assert [found.state for found in store.sessions()] == [State.FAILED]
 
 
-def test_what_was_never_built_is_removed(store: SessionStore) -> None:
+def test_sessions_that_were_never_built_are_removed(store: SessionStore) -> None:
     folder = store.create(make_spec())
     folder.release()
     empty = store.root / "sessions" / OTHER

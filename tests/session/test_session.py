@@ -73,7 +73,7 @@ def test_coordinates_are_read_only_and_in_canonical_order(session: Session) -> N
     assert session.coordinates("committed")[session.mesh.moving, 0] == pytest.approx(0.1, abs=0)
 
 
-def test_what_the_boundary_did_is_recorded_and_its_file_given_back(session: Session, tmp_path: Path) -> None:
+def test_the_boundarys_motion_is_recorded_and_its_file_closed(session: Session, tmp_path: Path) -> None:
     session.move("committed", right(0.1))
     commit(session)
     (folder,) = (tmp_path / "sessions").iterdir()

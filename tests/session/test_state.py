@@ -9,7 +9,7 @@ REFUSED = [(state, o) for state, row in TABLE.items() for o, cell in row.items()
 
 
 @pytest.mark.parametrize(("state", "operation"), REFUSED, ids=str)
-def test_what_is_refused(state: State, operation: Operation) -> None:
+def test_refused_operations_name_the_state(state: State, operation: Operation) -> None:
     """The row of the state machine tests the content of the cells."""
     with pytest.raises(SessionError) as caught:
         admit(state, operation)

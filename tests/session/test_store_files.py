@@ -177,7 +177,7 @@ def test_a_lock_that_the_system_refuses_is_reported(store: SessionStore, monkeyp
     assert caught.value.details == {"errno": "EMFILE"}
 
 
-def test_who_owns_a_session(store: SessionStore) -> None:
+def test_the_owner_of_a_session_is_found(store: SessionStore) -> None:
     build(store, owner="key")
     store.create(make_spec(OTHER)).release()
     assert [store.owner(session) for session in (SESSION, OTHER, "e" * 32)] == ["key", None, None]
@@ -228,7 +228,7 @@ def test_a_session_that_was_built_is_there_after_a_loss_of_power() -> None:
         assert journal.ledger.step == 0
 
 
-def test_what_is_discarded_is_gone_after_a_loss_of_power() -> None:
+def test_a_discarded_session_is_gone_after_a_loss_of_power() -> None:
     files = ModelFiles()
     store = SessionStore("/state", files=files)
     build(store)

@@ -195,7 +195,7 @@ def test_a_strangers_dtype_is_never_taken(target, victim, dtype):
     assert wire.receive().code == "INVALID_ARGUMENT.DTYPE"
 
 
-def test_who_asks_libzmq_for_the_user_would_believe_it():
+def test_the_user_that_libzmq_reports_could_be_forged():
     request = bytes(encode(Hello(client=b"c" * 16, sequence=1))[0])
     with careless() as (server, endpoint):
         back = forged_user(endpoint, b"root", request)

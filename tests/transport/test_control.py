@@ -137,7 +137,7 @@ def test_a_worker_that_writes_for_a_new_holder_is_given_the_time_of_a_drain(tmp_
     assert live.deadline > computing + 20
 
 
-def test_so_many_resumes_of_one_session_wait_and_no_more(tmp_path: Path) -> None:
+def test_resumes_that_wait_for_one_session_have_a_limit(tmp_path: Path) -> None:
     scripted, live = served(tmp_path)
     for number in range(100):
         scripted.ask(Resume(client=CLIENT, sequence=2 + number, session=live.session, token=live.token))

@@ -34,7 +34,7 @@ def test_endpoints(text, address, local):
     ["", "7440", "127.0.0.1:7440", "tcp://", "tcp://127.0.0.1", "tcp://127.0.0.1:x", "tcp://127.0.0.1:65536",
      "tcp://127.0.0.1:²", "tcp://127.0.0.1:" + "9" * 5000, "udp://127.0.0.1:1", "ipc://relative", "ipc://@abstract", "inproc://a"],
 )  # fmt: skip
-def test_what_is_no_endpoint(text):
+def test_wrong_endpoints_are_refused(text):
     with pytest.raises(EndpointError, match="endpoint must be"):
         Endpoint.parse(text)
 

@@ -100,7 +100,7 @@ def test_a_gateway_is_asked_again_when_its_word_was_lost(started: Script) -> Non
     assert theirs.receive(0.0) == {"order": "ping"}
 
 
-def test_one_that_hangs_while_it_starts_again_is_killed_and_another_one_started(started: Script) -> None:
+def test_a_gateway_that_hangs_at_its_restart_is_killed_and_replaced(started: Script) -> None:
     started.theirs[0].close()
     began = time.monotonic()
     started.turn()
@@ -123,7 +123,7 @@ def test_one_that_hangs_while_it_starts_again_is_killed_and_another_one_started(
     assert not started.line.lost
 
 
-def test_one_that_cannot_start_again_and_again_is_lost(started: Script) -> None:
+def test_a_gateway_that_repeatedly_cannot_start_is_lost(started: Script) -> None:
     started.refusal = BlockingIOError(11, "Resource temporarily unavailable")
     started.theirs[0].close()
     started.turn()
@@ -137,7 +137,7 @@ def test_one_that_cannot_start_again_and_again_is_lost(started: Script) -> None:
     assert tries == module._STARTS
 
 
-def test_one_that_a_client_makes_fall_again_and_again_is_not_lost(started: Script) -> None:
+def test_a_gateway_that_repeatedly_crashes_after_its_start_is_not_lost(started: Script) -> None:
     """The sessions continue; pauses between the failures keep a processor free."""
     now, pauses = time.monotonic(), []
     for _ in range(2 * module._STARTS):

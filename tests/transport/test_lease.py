@@ -95,7 +95,7 @@ def test_a_connection_made_at_once_keeps_the_lease(dealer, tmp_path, monkeypatch
     _other.close()
 
 
-def test_who_only_looks_on_keeps_no_lease():
+def test_a_viewer_keeps_no_lease():
     with limited_context() as context, context.socket(zmq.ROUTER) as router:
         lease = worker.Lease(router, 0.0)
         port = router.bind_to_random_port("tcp://127.0.0.1")

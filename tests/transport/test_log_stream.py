@@ -63,7 +63,7 @@ def test_a_reader_that_is_slow_gets_every_line(pipe: Pipe) -> None:
     assert found.decode() == "".join(lines)
 
 
-def test_he_is_waited_for_once(pipe: Pipe, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_slow_reader_is_waited_for_once(pipe: Pipe, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(log_stream, "_PATIENCE_MILLISECONDS", 300)
     log = Unfailing(pipe[1])
     began = time.monotonic()

@@ -41,7 +41,7 @@ def test_the_session_that_is_suspended_for_longest_gives_way_and_each_only_once(
     assert [live and live.session for live in given] == ["old", "new", None]
 
 
-def test_what_has_no_worker_or_starts_one_does_not_give_way() -> None:
+def test_sessions_without_a_worker_or_starting_one_do_not_give_way() -> None:
     sessions = registry(
         dead={"suspended_at": 1.0, "status": "dead"},
         closed={"suspended_at": 1.0, "state": "CLOSED"},

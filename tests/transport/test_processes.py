@@ -95,7 +95,7 @@ def test_a_child_has_its_own_counts_signals_and_descriptors() -> None:
     assert said["descriptors"] <= 6
 
 
-def test_what_listens_to_other_machines_has_none_of_the_supervisors_memory() -> None:
+def test_processes_that_listen_to_other_machines_share_no_memory_with_the_supervisor() -> None:
     assert not threads_of(fresh=True)["parent"]
 
 

@@ -36,7 +36,7 @@ def test_the_latest_of_each_user_are_remembered(book: RequestBook) -> None:
     assert book.enter(b"peer", "bert", opening(96))[1]
 
 
-def test_what_waits_is_not_forgotten(book: RequestBook) -> None:
+def test_a_waiting_request_is_not_forgotten(book: RequestBook) -> None:
     waiting, _ = book.enter(b"peer", "anna", opening(1))
     for sequence in range(2, 100):
         answer(book, "anna", sequence)
@@ -46,7 +46,7 @@ def test_what_waits_is_not_forgotten(book: RequestBook) -> None:
     assert conflict.value.code == "ABORTED.CONFLICT"
 
 
-def test_what_was_refused_is_a_new_request_and_leaves_nothing(book: RequestBook) -> None:
+def test_a_repeat_after_a_refusal_is_a_new_request(book: RequestBook) -> None:
     for user in ("anna", "bert"):
         asked, _ = book.enter(b"peer", user, opening(1))
         book.forget(asked)

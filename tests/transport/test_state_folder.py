@@ -24,7 +24,7 @@ def test_a_second_server_is_refused_and_the_first_is_named(tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize("left", [b"", b"nonsense", b"[]", json.dumps({"pid": 1}).encode()])
-def test_what_a_crash_leaves_is_no_lock(tmp_path: Path, left: bytes) -> None:
+def test_the_lock_file_of_a_crashed_server_is_not_a_lock(tmp_path: Path, left: bytes) -> None:
     (tmp_path / "server.lock").write_bytes(left)
     held = StateFolder(tmp_path)
     with pytest.raises(ResourceExhausted, match="held by another server: its process is just starting"):
@@ -86,7 +86,7 @@ def test_a_folder_in_whose_place_all_users_may_put_another_is_refused(
 
 
 @pytest.mark.parametrize("what", ["file", "dangling", "loop"])
-def test_what_is_no_folder_is_refused(tmp_path: Path, what: str) -> None:
+def test_a_path_that_is_not_a_folder_is_refused(tmp_path: Path, what: str) -> None:
     path = tmp_path / "state"
     path.touch() if what == "file" else path.symlink_to("nowhere" if what == "dangling" else path)
     with pytest.raises(ResourceExhausted, match="cannot be used: it is a file, or a link without a target"):

@@ -47,7 +47,7 @@ def test_a_session_from_open_to_close(start, connect, open_session, scheme, tmp_
     assert (resumed.epoch, resumed.step) == (2, 1)
 
 
-def test_what_cannot_be_opened_says_why(start, connect):
+def test_a_session_that_cannot_be_opened_is_refused_with_the_reason(start, connect):
     server = start(max_sessions=1, max_session_bytes=1 << 20, durability=["full"])
     control = connect(server.endpoint)
     assert control.ask(Open, dimension=2, settings={"radius": 1.0}).code.startswith("INVALID_ARGUMENT")

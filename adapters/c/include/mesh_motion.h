@@ -229,8 +229,8 @@ MM_API const uint8_t *mm_digest(const mm_session *session); /* 32 bytes: SHA-256
 /* Times, velocities and swept volumes (SPEC.md, section 25; docs/velocities.md). Before mm_open: the time of the mesh as
  * it is uploaded, seconds (0), and the scheme whose earlier levels each commit stores: "" (none), "bdf2" or "bossak". */
 MM_API mm_result mm_set_time_levels(mm_session *session, double start, const char *scheme);
-/* The time at the end of the step under way, for its moves and its commit; set it again for each step. A commit at
- * another time than that of its last move is refused. */
+/* The time at the end of the step under way, for its moves and its commit; set it again for each step. A commit is
+ * refused if its time differs from that of its last move. */
 MM_API mm_result mm_set_time(mm_session *session, double time);
 /* The scheme of the velocities in the answers to moves, from now on: "" (none), "tangent", "bdf1", "bdf2" or
  * "bossak". */

@@ -45,7 +45,7 @@ def read_tables(path: Path) -> tuple[dict[str, Any], Path]:
     except KeyError as error:
         raise InvalidInput(f"{error.args[0]} is missing") from None
     except TypeError as error:
-        raise InvalidInput(f"a value has another type than the schema requires: {error}") from None
+        raise InvalidInput(f"a value does not have the type that the schema requires: {error}") from None
 
 
 def _coupled(values: dict[str, Any], folder: Path) -> dict[str, Any]:

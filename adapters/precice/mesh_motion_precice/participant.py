@@ -215,5 +215,5 @@ def resume_session(server: Server, mesh: Mesh, credentials: Path) -> Session:
     reference = session.points("reference")
     if reference.shape != mesh.points.shape or not np.array_equal(reference, mesh.points):
         session.close()
-        raise InvalidInput(f"the session of {credentials} has another mesh than the mesh file")
+        raise InvalidInput(f"the mesh of the session in {credentials} is not that of the mesh file")
     return session

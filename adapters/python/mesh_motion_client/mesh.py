@@ -166,7 +166,7 @@ class Mesh(Described):
         Raises
         ------
         InvalidInput
-            If an array is missing, or the mesh has other cells than the seven types.
+            If an array is missing, or the type of a cell is not one of the seven.
         """
         return cls._of(from_pyvista(dataset, _check_roles(roles)), roles)
 
@@ -201,7 +201,7 @@ class Mesh(Described):
         Raises
         ------
         InvalidInput
-            If there is no mesh, a group has no role, or the mesh has other cells than the seven types.
+            If there is no mesh, a group has no role, or the type of a cell is not one of the seven.
         """
         _check_roles(roles)
         return cls._of(from_gmsh(), roles, "Gmsh's model: ")

@@ -196,7 +196,7 @@ def _meshes(found: Found) -> dict[str, Found]:
 
 
 def _share(members: Found, name: str) -> float:
-    """Mean share of the quality with freed nodes; 0 for an invalid mesh."""
+    """Mean of this way's quality divided by that of ``optimised``; 0 for an invalid mesh."""
     return float(np.mean([max(r[name].minimum, 0.0) / r["optimised"].minimum for _, _, r in members]))
 
 

@@ -84,7 +84,7 @@ def passed(mesh: Subject, shift: float) -> Floats:
 
 
 def exchanged(mesh: Subject, share: float) -> Floats:
-    """Both bodies moved towards, or to, the position of the other one."""
+    """Each body moved to the position of the other one, or a share of the way."""
     return mesh.targets(lambda name, x: x + (share if name == "upper" else -share) * np.array([0.8, -0.26]))
 
 

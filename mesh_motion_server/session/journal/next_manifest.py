@@ -30,7 +30,7 @@ def manifest_capacity(foundation: Foundation) -> int:
 def create_manifest(folder: Path, files: FileSystem, packed: bytes, size: int) -> None:
     """Make the first manifest of a session, which starts with this record; durable under its name.
 
-    It is written under another name than the next ones: ``manifest.new`` proves that there was a manifest.
+    Later manifests are written under a different name, ``manifest.new``, which proves that there was a manifest.
     """
     write_file(files, folder / FIRST_MANIFEST, packed, size)
     _name(folder, files, FIRST_MANIFEST)

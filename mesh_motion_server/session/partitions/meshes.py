@@ -84,7 +84,10 @@ class CellOrigin:
 
 @dataclass(frozen=True, eq=False)
 class CellCount:
-    """The numbers of cells of one type that stay with the client, by partition; partitions are numbered through."""
+    """The numbers of cells of one type that stay with the client, by partition.
+
+    Rows count the cells of all partitions, in the order of the partitions.
+    """
 
     type_name: str
     counts: tuple[int, ...]

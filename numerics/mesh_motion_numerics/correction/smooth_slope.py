@@ -238,7 +238,7 @@ class SmoothSlope:
 def not_at_minimum() -> QualityRefused:
     """Return the error for a mesh that is not the result of a motion with a derivative."""
     return QualityRefused(
-        "the mesh was corrected in another way than by the smooth correction: its motion has no derivative here",
+        "the mesh was not corrected by the smooth correction: its motion has no derivative here",
         code="FAILED_PRECONDITION",
         hint="request it at a step whose MOVED has no such warning",
     )

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
-__all__ = ["Case", "Outcome", "Skip", "Suite", "Unmet", "section_order"]
+__all__ = ["Case", "Outcome", "Rows", "Skip", "Suite", "Unmet", "section_order"]
+
+
+Run = Callable[..., None]
+#: Cases of one kind: the name of each, and the values in which it differs from the others.
+Rows = Mapping[str, Sequence[Any]]
 
 
 class Unmet(Exception):
@@ -73,20 +79,30 @@ def section_order(section: str) -> tuple[int, ...]:
 
 
 class Suite:
-    """Cases in the order in which they are written; used as a decorator, ``@suite("10.1")``.
+    """Cases in the order in which they are written; a decorator, ``@suite("10.1")`` or ``@suite("10.1", rows)``.
 
-    The function's name is the case's name, its docstring the demand.
+    The function's name is the case's name, its docstring the demand. With rows there is a case for each row: its key is
+    the name, and its values are the function's further arguments; ``{0}`` in the docstring is the first value. Rows may
+    be a function that returns them, where they are read from SPEC.md's tables.
     """
 
     def __init__(self) -> None:
         self._sources: list[Callable[[], Iterable[Case]]] = []
 
-    def __call__(self, section: str) -> Callable[[Callable[[Any], None]], Callable[[Any], None]]:
-        """One case."""
+    def __call__(self, section: str, rows: Rows | Callable[[], Rows] | None = None) -> Callable[[Run], Run]:
+        """One case, or one for each row."""
 
-        def register(run: Callable[[Any], None]) -> Callable[[Any], None]:
-            case = Case(section, run.__name__.strip("_").replace("_", "-"), " ".join((run.__doc__ or "").split()), run)
-            self._sources.append(lambda: [case])
+        def register(run: Run) -> Run:
+            demand = " ".join((run.__doc__ or "").split())
+
+            def cases() -> Iterator[Case]:
+                if rows is None:
+                    yield Case(section, run.__name__.strip("_").replace("_", "-"), demand, run)
+                    return
+                for name, values in (rows() if callable(rows) else rows).items():
+                    yield Case(section, name, demand.format(*values), partial(_called, run, values))
+
+            self._sources.append(cases)
             return run
 
         return register
@@ -99,3 +115,7 @@ class Suite:
     def __iter__(self) -> Iterator[Case]:
         for source in self._sources:
             yield from source()
+
+
+def _called(run: Run, values: Sequence[Any], stage: Any) -> None:
+    run(stage, *values)

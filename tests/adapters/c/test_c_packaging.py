@@ -148,7 +148,7 @@ def test_a_static_library(made, consumer, tools, zmq_flags):
 
 
 @pytest.mark.parametrize("prefix", ["installed", "made"])
-def test_what_is_exported(prefix, tools, request):
+def test_the_library_exports_exactly_the_declared_functions(prefix, tools, request):
     library = request.getfixturevalue(prefix) / "lib" / "libmesh_motion.so"
     names = set(re.findall(r" T (\w+)", tools["run"](["nm", "-D", "--defined-only", library])))
     declared = set(

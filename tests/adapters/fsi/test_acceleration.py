@@ -57,7 +57,7 @@ def test_plain_relaxation_has_the_published_limit(string):
 
 
 @pytest.mark.parametrize(("name", "most"), [("iqn-ils", 11), ("aitken", 200)])
-def test_what_plain_iteration_cannot_do(string, name, most):
+def test_accelerations_converge_where_plain_iteration_diverges(string, name, most):
     plain, _ = string.iterate(ConstantRelaxation(1.0), 10)
     assert plain[-1] > 1e6 * plain[0]
     options = {"filter_limit": 1e-14} if name == "iqn-ils" else {}

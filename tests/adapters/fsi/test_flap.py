@@ -3,7 +3,6 @@
 The commands of examples/perpendicular_flap/README.md, adapters/fsi/README.md and docs/tutorials/openfoam_flap.md.
 """
 
-import importlib.util
 import os
 import shutil
 import signal
@@ -15,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import psutil
 import pytest
+from loaded_scripts import loaded
 from mesh_motion_fsi import ParticipantError, RecordError, read_history
 from mesh_motion_fsi.case import build_library, make_case
 
@@ -33,11 +33,8 @@ pytestmark = [
 
 @pytest.fixture(scope="session")
 def flap():
-    specification = importlib.util.spec_from_file_location("perpendicular_flap", EXAMPLE / "flap.py")
-    module = importlib.util.module_from_spec(specification)
-    specification.loader.exec_module(module)
     build_library(ADAPTER)
-    return module
+    return loaded(EXAMPLE / "flap.py")
 
 
 def play(flap, out, *options):
@@ -70,7 +67,7 @@ def test_windows_converge_and_the_tip_moves_downstream(undisturbed):
     assert rows[-1].force_x > 0.0
 
 
-def test_what_the_server_stored_can_be_looked_at(undisturbed):
+def test_inspect_shows_the_stored_sessions(undisturbed):
     folder, _ = undisturbed
     command = [sys.executable, "-m", "mesh_motion_server", "inspect", str(folder / "server")]
     done = subprocess.run(command, capture_output=True, text=True, check=False)

@@ -1,6 +1,5 @@
 """The table of OpenFOAM's own tutorials: one row, with both motion solvers and on two processors."""
 
-import importlib.util
 import re
 import shutil
 import subprocess
@@ -8,17 +7,14 @@ import sys
 from pathlib import Path
 
 import pytest
+from loaded_scripts import loaded
 
 ADAPTER = Path(__file__).resolve().parents[3] / "adapters" / "openfoam"
 
 
 @pytest.fixture
-def tutorials(monkeypatch):
-    specification = importlib.util.spec_from_file_location("openfoam_tutorials", ADAPTER / "tutorials.py")
-    module = importlib.util.module_from_spec(specification)
-    monkeypatch.setitem(sys.modules, specification.name, module)
-    specification.loader.exec_module(module)
-    return module
+def tutorials():
+    return loaded(ADAPTER / "tutorials.py")
 
 
 def test_without_tutorials_it_says_what_to_install(tutorials, tmp_path, monkeypatch, capsys):

@@ -114,7 +114,7 @@ def test_a_restart_goes_on_as_if_it_had_not_been(zone_case):
     ],
     ids=["an unknown zone", "a set", "faces without a role", "faces that move"],
 )
-def test_what_is_missing_is_named(zone_case, change, words):
+def test_a_missing_entry_is_named(zone_case, change, words):
     case = zone_case()
     change(case)
     case.run("moveDynamicMesh", expect=1)

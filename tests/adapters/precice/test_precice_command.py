@@ -53,7 +53,7 @@ def test_it_couples_to_the_end_and_again_from_there(case, program, tmp_path):
     assert (tmp_path / "mesh-motion.session").stat().st_mode & 0o777 == 0o600
 
 
-def test_what_is_wrong_is_one_line(case, program, tmp_path):
+def test_a_wrong_key_is_one_line(case, program, tmp_path):
     case(method="support_radios = 1.0")
     done = program()
     assert done.returncode == 1

@@ -109,7 +109,7 @@ def test_the_adapter_configuration_of_precice_s_guidelines_says_the_same(adapter
         (('"case"', '"file"'), "unknown key 'file' in mesh-motion"),
         (('"case.toml"', '"none.toml"'), "none.toml cannot be read"),
         (('"Volume"', "7"), "write.mesh: expected a name, got 7"),
-        (('["lower"]', "3"), "a value has another type"),
+        (('["lower"]', "3"), "a value does not have the type"),
         (("{", "["), "not a JSON file"),
     ],
 )

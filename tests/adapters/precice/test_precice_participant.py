@@ -204,7 +204,7 @@ def test_a_restart_with_another_mesh_or_from_nothing_is_refused(server, case, sq
     with np.load(tmp_path / "mesh.npz") as file:
         arrays = dict(file)
     np.savez(tmp_path / "mesh.npz", **arrays | {"points": arrays["points"] * 1.01})
-    with pytest.raises(InvalidInput, match="another mesh"):
+    with pytest.raises(InvalidInput, match="is not that of the mesh file"):
         resume_session(server, load_mesh(configuration), tmp_path / "session")
 
 
@@ -234,7 +234,7 @@ def participant(case, stub, square):
     return make
 
 
-def test_what_does_not_fit_is_refused(participant, case, square):
+def test_a_configuration_that_does_not_fit_the_mesh_is_refused(participant, case, square):
     with pytest.raises(InvalidInput, match="has 3 dimensions, the mesh file 2"):
         participant(dimensions=3)
     made, session = participant(moving=np.arange(3))

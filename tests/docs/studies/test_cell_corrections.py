@@ -34,7 +34,7 @@ def test_scaling_along_the_axes_is_the_same_for_all(name: str, B, expected) -> N
 
 
 @given(seed=st.integers(0, 2**32 - 1), d=st.sampled_from([2, 3]))
-def test_what_is_kept_and_what_grows(seed: int, d: int) -> None:
+def test_rotations_are_kept_and_small_stretches_grow(seed: int, d: int) -> None:
     B = np.eye(d) + np.random.default_rng(seed).normal(size=(d, d))
     before = svd(B[None]).stretches[0]
     after = svd(corrected("polar", B)[None]).stretches[0]

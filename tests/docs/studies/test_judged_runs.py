@@ -34,7 +34,7 @@ def test_a_period_returns_exactly() -> None:
     assert phases(256, 0.25) == pytest.approx(phases(256)[:64])
 
 
-def test_what_is_outside_its_bounds_is_named() -> None:
+def test_figures_outside_their_bounds_are_named() -> None:
     within = {name: low or high for name, (low, high) in BOUNDS.items()}
     assert failures(within) == []
     assert failures(within | {"resumed": np.nan}) == []

@@ -63,7 +63,7 @@ def test_a_solution_that_does_not_come_is_an_error(monkeypatch):
         solver.solve(np.sin(3 * points))
 
 
-def test_what_the_recurrences_leave_is_solved_for_again(monkeypatch):
+def test_the_residual_of_the_recurrences_is_solved_for_again(monkeypatch):
     exact = ConjugateGradients._conjugate_gradients
     drifted = lambda self, rhs, scale: exact(self, rhs, scale) * (1 + 1e-6)  # noqa: E731
     monkeypatch.setattr(ConjugateGradients, "_conjugate_gradients", drifted)

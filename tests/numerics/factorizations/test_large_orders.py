@@ -104,7 +104,7 @@ def test_a_full_matrix_of_order_18_000(solver: str) -> None:
         (100_000, "auto", "tps", "40.0"),
     ],
 )
-def test_what_would_take_too_much_is_refused_before_it_is_tried(
+def test_a_system_too_large_for_the_memory_is_refused_before_it_is_tried(
     order: int, solver: str, basis: str, gigabytes: str
 ) -> None:
     points, _ = cloud(order)

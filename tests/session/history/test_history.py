@@ -225,7 +225,7 @@ def test_a_new_holder_and_a_lost_lease_are_events(store: SessionStore) -> None:
     assert events_of(store) == ["built", "resumed", "suspended"]
 
 
-def test_what_was_made_twice_counts_the_second_time(tmp_path: Path) -> None:
+def test_of_a_step_made_twice_the_second_counts(tmp_path: Path) -> None:
     """With ``relaxed`` a crash loses steps of the session; they are repeated, perhaps with other results."""
     history = History(tmp_path, 1 << 20)
     for step, value in ((1, 1.0), (2, 2.0), (3, 3.0), (2, 9.0)):
@@ -463,7 +463,7 @@ def test_the_oldest_segments_go_and_the_newest_events_stay(store: SessionStore) 
     assert last_committed(folder_of(store)) == (True, 40)
 
 
-def test_what_was_built_stays_when_its_segment_goes(store: SessionStore) -> None:
+def test_the_built_event_stays_when_its_segment_is_removed(store: SessionStore) -> None:
     """Also if the session is resumed in between; it counts once."""
     limits = ServerSettings(reserve_disk_bytes=0, history_bytes=64 << 10)
     driver, folder = new(store, limits=limits), folder_of(store)
@@ -496,7 +496,7 @@ def test_a_refusal_behind_what_was_kept_belongs_to_its_own_step(tmp_path: Path) 
     assert fold.take({"event": "refused", "step": 5000}).step == 5000
 
 
-def test_what_was_built_goes_where_there_is_room_for_nothing_else(tmp_path: Path) -> None:
+def test_the_built_event_is_removed_where_it_leaves_no_room_for_others(tmp_path: Path) -> None:
     history = History(tmp_path, 8 << 10)  # 2 KiB of events
     history.record("built", patches="p" * 1500)
     for step in range(9):

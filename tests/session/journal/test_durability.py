@@ -162,7 +162,7 @@ def test_each_step_that_is_computed_again_is_reported(opened: Any) -> None:
     again.host.close()
 
 
-def test_what_took_long_to_compute_again_is_stored(opened: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_steps_that_took_long_to_compute_again_are_stored(opened: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """Otherwise a worker that fails again and again would have ever more to compute."""
     driver = opened.open("replay")
     for step in (1, 2):

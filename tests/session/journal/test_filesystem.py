@@ -20,7 +20,7 @@ def folder(files: FileSystem, tmp_path: Path) -> Path:
     return tmp_path / "a"
 
 
-def test_what_is_written_is_read(files: FileSystem, folder: Path) -> None:
+def test_reads_give_the_written_bytes(files: FileSystem, folder: Path) -> None:
     handle = files.create(folder / "f", 10)
     assert (files.size(handle), files.read(handle, 0, 99)) == (10, bytes(10))
     assert write_all(files, handle, 8, b"abcd") == 12

@@ -181,7 +181,7 @@ def _write_spec(folder: Path, text: str) -> None:
         (_later_setting, "spec has the settings later"),
     ],
 )
-def test_what_a_later_version_wrote_is_refused_and_left_alone(
+def test_journals_of_a_later_version_are_refused_and_left_unchanged(
     change: Any, says: str, builder: Any, tmp_path: Path
 ) -> None:
     unpacked("2/replay", tmp_path, SESSION)

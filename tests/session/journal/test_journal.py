@@ -60,7 +60,7 @@ def contents(folder: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
-def test_what_is_written_ahead_makes_the_same_files(tmp_path: Path, any_size: None) -> None:
+def test_states_written_ahead_make_the_same_files(tmp_path: Path, any_size: None) -> None:
     (tmp_path / "once").mkdir()
     (tmp_path / "ahead").mkdir()
     write(tmp_path / "once", 3).close()
@@ -152,7 +152,7 @@ def test_a_disk_that_fails_ahead_freezes(tmp_path: Path, any_size: None, followi
 
 
 @pytest.mark.parametrize("steps", [0, 1, 2, 3, 7])
-def test_what_was_committed_is_read_back(tmp_path: Path, steps: int) -> None:
+def test_committed_steps_are_read_back(tmp_path: Path, steps: int) -> None:
     write(tmp_path, steps).close()
     journal = reopen(tmp_path)
     assert (journal.ledger.step, journal.ledger.epoch) == (steps, 1)

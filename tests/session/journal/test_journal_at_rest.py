@@ -82,7 +82,7 @@ def test_nothing_that_opening_wrote_is_left_unsynced(level: str) -> None:
     assert [path for path, _ in files.changes if path.name != "manifest.new"] == []
 
 
-def test_what_opening_found_in_the_page_cache_is_on_the_disk_then() -> None:
+def test_opening_writes_the_content_of_the_page_cache_to_the_disk() -> None:
     """A failed sync may have lost data that reads still show: all of it is written again."""
     for fail_at in range(1, 100):
         journal, files = lived("full", steps=2)

@@ -56,7 +56,7 @@ def again(ledger: Ledger) -> Ledger:
     return Ledger.start(record(ledger.checkpoint_body(CAPACITY), ledger.foundation.format))
 
 
-def test_what_the_first_record_says_in_each_format() -> None:
+def test_keys_of_the_first_record_in_each_format() -> None:
     first = {"session", "spec", "mesh", "nodes", "dimension", "record_area"}
     assert set(FULL.as_body()) == first
     assert set(REPLAY.as_body()) == set(RELAXED.as_body()) == first | {"durability", "snapshot_steps", "log_bytes"}
@@ -114,7 +114,7 @@ def test_a_batch_brings_the_commits_that_were_passed_over() -> None:
         pytest.param(REPLAY, snapshot(1, 0) | {"kind": "surprise"}, id="a snapshot under another name"),
     ],
 )
-def test_what_does_not_follow_is_refused(foundation: Foundation, body: dict[str, Any]) -> None:
+def test_a_record_that_does_not_follow_is_refused(foundation: Foundation, body: dict[str, Any]) -> None:
     first = commit(1).as_body() if foundation is FULL else logged(1)
     ledger = after(foundation, first)
     with pytest.raises(DataLoss, match=r"record 9 of kind .* does not follow step 1, epoch 1") as caught:

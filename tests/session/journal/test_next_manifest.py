@@ -76,7 +76,7 @@ def test_resuming_on_a_full_disk_keeps_what_was_held(built: Any) -> None:
     again.host.close()
 
 
-def test_what_a_crash_has_left_in_it_is_not_used(built: Any) -> None:
+def test_content_that_a_crash_left_in_it_is_not_used(built: Any) -> None:
     driver, files = built
     driver.host.close()
     for place in (0, 5000, len(files.entries[RESERVE].cache) - 1):
@@ -116,7 +116,7 @@ def test_so_it_is_on_a_disk(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("size", [0, 1, (1 << 17) - 1, 1 << 18])
-def test_one_of_another_size_is_made_again(built: Any, size: int) -> None:
+def test_a_next_manifest_of_the_wrong_size_is_made_again(built: Any, size: int) -> None:
     driver, files = built
     driver.host.close()
     whole = len(files.entries[RESERVE].cache)

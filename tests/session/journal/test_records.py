@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from mesh_motion_server.session.journal.records import FAMILY, PAGE, find_record, pack_record, unpack_record
 
 
-def test_what_is_packed_is_unpacked() -> None:
+def test_packed_records_are_unpacked() -> None:
     for size in (0, 3000, 4000, 4096, 20_000):
         body = {"kind": "commit", "receipt": bytes(size)}
         packed = pack_record(7, b"q" * 32, body)

@@ -23,7 +23,7 @@ def test_other_content_conflicts_also_after_a_failure() -> None:
         assert caught.value.code == "ABORTED.CONFLICT"
 
 
-def test_what_was_dropped_is_stale() -> None:
+def test_a_dropped_reply_is_stale() -> None:
     table: ReplyTable[str] = ReplyTable(3, 1000)
     for sequence in range(1, 6):
         table.store(ask(sequence), str(sequence))
@@ -95,7 +95,7 @@ def test_holders_are_those_that_were_answered_last() -> None:
         table.find(ask(1, client=b"d"))
 
 
-def test_what_just_fits_the_budget_is_kept() -> None:
+def test_replies_that_just_fit_the_budget_are_kept() -> None:
     table: ReplyTable[str] = ReplyTable(10, 100)
     for sequence in (1, 2, 3):
         table.store(ask(sequence), "reply", 50)

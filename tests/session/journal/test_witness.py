@@ -17,7 +17,7 @@ def test_literal_bytes() -> None:
     assert Witness.of(LAST) == WITNESS
 
 
-def test_what_was_written_is_read_and_nothing_else() -> None:
+def test_a_witness_is_read_as_written_and_damage_is_found() -> None:
     packed = WITNESS.pack()
     assert Witness.unpack(packed) == Witness.unpack(packed.ljust(PAGE, b"\0")) == WITNESS
     for offset in range(len(packed)):

@@ -23,7 +23,7 @@ def at_client(mesh, role="slip"):
 
 
 @pytest.mark.parametrize("parts", [1, 2, 5])
-def test_what_one_partition_alone_has_is_the_boundary(parts: int) -> None:
+def test_facets_of_only_one_partition_are_the_boundary(parts: int) -> None:
     whole = grid_mesh(6)
     expected = merge([whole])
     found = merge([at_client(one) for one in (split_mesh(whole, parts) if parts > 1 else [whole])])

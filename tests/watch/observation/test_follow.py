@@ -12,7 +12,7 @@ from mesh_motion_server.session.history.events import line_of
 from mesh_motion_server.watch.observation.follow import EventTail, last_event
 
 
-def test_what_is_there_and_then_what_is_added(tmp_path: Path) -> None:
+def test_existing_events_come_first_and_then_new_ones(tmp_path: Path) -> None:
     tail = EventTail(tmp_path)
     assert tail.read() == []
     history = History(tmp_path, 1 << 20)

@@ -100,14 +100,14 @@ def test_steps_that_a_crash_took_are_gone_and_leave_nothing_to_those_made_again(
     assert columns["iterations"].tolist() == [2] * 5
 
 
-def test_what_was_begun_before_a_gap_is_not_of_the_step_after_it() -> None:
+def test_iterations_before_a_gap_do_not_count_for_the_step_after_it() -> None:
     events = [event for event in made_up_events(9) if event.get("step", 0) < 5 or event.get("step") == 8]
     begun = next(event for event in made_up_events(5) if event.get("step") == 5)
     events.insert(next(number for number, event in enumerate(events) if event.get("step") == 8), begun)
     assert Series(events).columns()["iterations"].tolist() == [2] * 5
 
 
-def test_what_another_version_wrote_is_passed_over() -> None:
+def test_events_of_another_version_are_skipped() -> None:
     events = list(made_up_events(6))
     strange = [{"event": "moved", "at": 0.0, "step": 3}, {"event": "committed", "at": 0.0}, {"event": "refused"}]
     found = Series([*events[:-1], *strange, events[-1]]).columns()

@@ -111,7 +111,7 @@ def test_a_session_that_was_resumed_has_its_time_and_lost_its_steps() -> None:
         ({"event": "joined", "step": 3}, "none", "at rest", ""),
     ],
 )
-def test_what_ends_a_run(event: dict[str, Any], worker: str, kind: str, tone: str) -> None:
+def test_events_that_end_a_run_give_its_verdict(event: dict[str, Any], worker: str, kind: str, tone: str) -> None:
     recent = _recent(_built(), _commits([0.5] * 3), [{"at": BEGIN + 50.0, **event}])
     found = verdict(recent, BEGIN + 1e6, worker=worker)
     assert (found.kind, found.tone, found.since) == (kind, tone, BEGIN + 50.0)

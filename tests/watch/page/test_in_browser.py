@@ -74,7 +74,7 @@ def test_many_steps_are_thinned_and_the_latest_are_not(tab: Browser, server: Ser
 
 
 @pytest.mark.nightly
-def test_what_comes_is_shown_without_a_reload(tab: Browser, server: ServerProcess) -> None:
+def test_new_events_are_shown_without_a_reload(tab: Browser, server: ServerProcess) -> None:
     show(tab, server, SHORT)
     segments = sorted((server.state / "sessions" / SHORT / "history").glob("events-*"))
     lines = [json.loads(line) for line in segments[-1].read_text().splitlines()]

@@ -141,7 +141,7 @@ def test_news_is_announced_once_and_nothing_that_was_there(tab: Browser, server:
     assert len(tab.run(ANNOUNCED)) == before
 
 
-def test_what_is_read_stays_as_news_comes(tab: Browser, server: ServerProcess) -> None:
+def test_a_selected_text_stays_when_news_comes(tab: Browser, server: ServerProcess) -> None:
     show(tab, server, WING)
     happens(server, WING, refused(45, "to be copied"))
     tab.wait(lambda: "to be copied" in tab.text("#events"), "it is shown")

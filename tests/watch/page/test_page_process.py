@@ -65,7 +65,7 @@ def test_it_is_announced_and_shows_the_list(server: ServerProcess) -> None:
     assert os.getpriority(os.PRIO_PROCESS, page_process(server)) == 10
 
 
-def test_what_falls_comes_back_at_the_same_address(server: ServerProcess) -> None:
+def test_a_crashed_page_comes_back_at_the_same_address(server: ServerProcess) -> None:
     fallen = page_process(server)
     os.kill(fallen, signal.SIGKILL)
     wait_until(lambda: server.events("monitor_ended"), "the log says so")

@@ -71,7 +71,7 @@ globalThis.fetch = async (path, options) => {
 
 
 @pytest.mark.parametrize(("kind", "where"), [("/series", "#trouble"), ("/mesh", "#mesh-note")])
-def test_what_failed_is_asked_again(tab: Browser, server: ServerProcess, kind: str, where: str) -> None:
+def test_a_failed_request_of_the_page_is_repeated(tab: Browser, server: ServerProcess, kind: str, where: str) -> None:
     show(tab, server, SHORT)
     tab.run(FAILING, kind)
     tab.run("globalThis.monitor.choose(arguments[0])", THIRD)

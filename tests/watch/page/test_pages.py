@@ -116,7 +116,7 @@ def test_a_refusal_alone_is_news(tmp_path: Path) -> None:
     assert after["state"] == before["state"]
 
 
-def test_what_cannot_be_read_is_reported_and_read_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_unreadable_session_is_reported_and_read_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     stored(tmp_path, 1)
     page = Page(tmp_path, BUILD)
     (before,) = listed(page)
@@ -258,7 +258,7 @@ def test_a_session_with_a_worker_is_listed_before_many_others(tmp_path: Path, mo
     ]
 
 
-def test_what_follows_is_read_as_it_comes(tmp_path: Path) -> None:
+def test_new_events_of_a_session_are_read(tmp_path: Path) -> None:
     stored(tmp_path, 1, history=5)
     asked = asking(tmp_path)
     path = f"/api/sessions/{SESSION}/series"
@@ -317,7 +317,7 @@ def test_half_a_character_is_shown_as_an_escape() -> None:
         (f"/api/sessions/{SESSION}/series?points=0&first=9999999999999999999", 400),
     ],
 )
-def test_what_is_not_there_is_not_there(client: Any, path: str, status: int) -> None:
+def test_unknown_paths_are_not_found(client: Any, path: str, status: int) -> None:
     answer = client.get(path)
     assert answer.status_code == status
     assert "root:" not in answer.text
@@ -373,7 +373,7 @@ def test_the_page_needs_nothing_from_elsewhere_and_no_inline_scripts(client: Any
         assert head.headers["content-type"].startswith(("text/javascript", "text/css"))
 
 
-def test_what_was_shipped_is_what_vendor_toml_says() -> None:
+def test_shipped_files_have_the_sums_of_vendor_toml() -> None:
     vendor = STATIC / "vendor"
     for entry in tomllib.loads((vendor / "vendor.toml").read_text())["vendored"]:
         for name, digest in entry["files"].items():

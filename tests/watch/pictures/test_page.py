@@ -36,7 +36,7 @@ def test_sizes(text: str, expected: tuple[float, float | None, float]) -> None:
 
 
 @pytest.mark.parametrize("text", ["", "big", "10x10", "120x", "9999", "-5", "120x80x60"])
-def test_what_is_no_size_is_refused_with_the_choices(text: str) -> None:
+def test_a_wrong_size_is_refused_with_the_choices(text: str) -> None:
     with pytest.raises(InvalidInput, match="expected column, wide, page, slide, or WIDTH"):
         parse_size(text)
 

@@ -52,7 +52,7 @@ def test_a_long_history_is_read_from_its_end(
     assert details["read"] < 1.0
 
 
-def test_what_is_added_comes(make_session: MakeSession, tmp_path: Path) -> None:
+def test_new_steps_are_shown(make_session: MakeSession, tmp_path: Path) -> None:
     folder = make_session(steps=20)
     source = FolderSource(tmp_path / "state")
     assert source.details(folder.name) is not None

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import os
-from collections.abc import Callable, Iterator
 
-from mesh_motion_conformance.case import Case, Suite, Unmet
+from mesh_motion_conformance.case import Rows, Suite, Unmet
 from mesh_motion_conformance.checks import answered, check_identity, refused
 from mesh_motion_conformance.line import Ended, Line, Silence
 from mesh_motion_conformance.server.requests import Request
@@ -36,33 +35,23 @@ def delimiter_frame_is_no_header(stage: Stage) -> None:
     refused(line.receive(), "INVALID_ARGUMENT.HEADER")
 
 
-@suite.family
-def wrong_endpoint() -> Iterator[Case]:
-    """Each endpoint takes the requests of the table, and no others."""
+def _taken_by(endpoint: str, suffix: str) -> Rows:
+    """The kinds of request that this endpoint takes."""
+    return {f"{kind}-{suffix}": (kind,) for kind, row in tables().requests.items() if row["endpoint"] == endpoint}
 
-    def at_control(kind: str) -> Callable[[Stage], None]:
-        def run(stage: Stage) -> None:
-            refused(stage.ask(stage.session("READY").request(kind)), "UNIMPLEMENTED.MESSAGE")
 
-        return run
+@suite("2.2", lambda: _taken_by("data", "at-control"))
+def data_request_at_control(stage: Stage, kind: str) -> None:
+    """The control endpoint takes no requests of a session."""
+    refused(stage.ask(stage.session("READY").request(kind)), "UNIMPLEMENTED.MESSAGE")
 
-    def at_data(kind: str) -> Callable[[Stage], None]:
-        def run(stage: Stage) -> None:
-            session = stage.session("READY")
-            request = Request("OPEN", {"dimension": 2}) if kind == "OPEN" else session.request(kind)
-            refused(session.ask(request), "UNIMPLEMENTED.MESSAGE", state="READY")
 
-        return run
-
-    for kind, row in tables().requests.items():
-        if row["endpoint"] == "data":
-            yield Case(
-                "2.2", f"{kind}-at-control", "The control endpoint takes no requests of a session", at_control(kind)
-            )
-        elif row["endpoint"] == "control":
-            yield Case(
-                "2.2", f"{kind}-at-data", "A data endpoint takes no requests of the control endpoint", at_data(kind)
-            )
+@suite("2.2", lambda: _taken_by("control", "at-data"))
+def control_request_at_data(stage: Stage, kind: str) -> None:
+    """A data endpoint takes no requests of the control endpoint."""
+    session = stage.session("READY")
+    request = Request("OPEN", {"dimension": 2}) if kind == "OPEN" else session.request(kind)
+    refused(session.ask(request), "UNIMPLEMENTED.MESSAGE", state="READY")
 
 
 @suite("2.2")

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-
-from mesh_motion_conformance.case import Case, Suite
+from mesh_motion_conformance.case import Rows, Suite
 from mesh_motion_conformance.checks import refused
 from mesh_motion_conformance.server.requests import Request
 from mesh_motion_conformance.server.stage import Stage
@@ -15,38 +13,26 @@ __all__ = ["suite"]
 suite = Suite()
 
 
-@suite.family
-def frame_behind_control_requests() -> Iterator[Case]:
-    """A message on the control endpoint has frame 0 only."""
-
-    def behind(kind: str, frame: bytes) -> Callable[[Stage], None]:
-        def run(stage: Stage) -> None:
-            fields = {"dimension": 2} if kind == "OPEN" else {}
-            request = stage.session("READY").request(kind) if kind in ("RESUME", "PROBE") else Request(kind, fields)
-            line = stage.control
-            stage.put(line, [*request.frames(line.client, line.next()), frame])
-            refused(line.receive(), "INVALID_ARGUMENT.FRAMES", state="")
-
-        return run
-
-    for kind in tables().control:
-        for name, frame in (("empty", b""), ("8-bytes", bytes(8))):
-            yield Case("3", f"{kind}-and-{name}-frame", "A control message has frame 0 only", behind(kind, frame))
+def _control_and_frames() -> Rows:
+    frames = {"empty": b"", "8-bytes": bytes(8)}
+    return {f"{kind}-and-{name}-frame": (kind, frames[name]) for kind in tables().control for name in frames}
 
 
-@suite.family
-def frame_behind_data_requests() -> Iterator[Case]:
-    """After frame 0 come the frames of the declared arrays, and no others."""
+@suite("3", _control_and_frames)
+def frame_behind_control_requests(stage: Stage, kind: str, frame: bytes) -> None:
+    """A control message has frame 0 only."""
+    fields = {"dimension": 2} if kind == "OPEN" else {}
+    request = stage.session("READY").request(kind) if kind in ("RESUME", "PROBE") else Request(kind, fields)
+    line = stage.control
+    stage.put(line, [*request.frames(line.client, line.next()), frame])
+    refused(line.receive(), "INVALID_ARGUMENT.FRAMES", state="")
 
-    def behind(kind: str) -> Callable[[Stage], None]:
-        def run(stage: Stage) -> None:
-            state = {"UPLOAD": "OPENING", "BUILD": "OPENING", "COMMIT": "TRIAL"}.get(kind, "READY")
-            session = stage.session(state)
-            line = session.lines[0]
-            stage.put(line, [*session.request(kind).frames(line.client, line.next()), bytes(8)])
-            refused(line.receive(), "INVALID_ARGUMENT.FRAMES", state=state)
 
-        return run
-
-    for kind in tables().data:
-        yield Case("3", f"{kind}-and-a-further-frame", "No frames but those of the declared arrays", behind(kind))
+@suite("3", lambda: {f"{kind}-and-a-further-frame": (kind,) for kind in tables().data})
+def frame_behind_data_requests(stage: Stage, kind: str) -> None:
+    """No frames but those of the declared arrays."""
+    state = {"UPLOAD": "OPENING", "BUILD": "OPENING", "COMMIT": "TRIAL"}.get(kind, "READY")
+    session = stage.session(state)
+    line = session.lines[0]
+    stage.put(line, [*session.request(kind).frames(line.client, line.next()), bytes(8)])
+    refused(line.receive(), "INVALID_ARGUMENT.FRAMES", state=state)

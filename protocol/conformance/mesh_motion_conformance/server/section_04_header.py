@@ -93,48 +93,34 @@ def _set(key: str, value: Any) -> Change:
     return lambda header: header | {key: value}
 
 
-@suite.family
-def order_of_keys() -> Iterator[Case]:
-    """In any order."""
-
-    def run(turn: int) -> Callable[[Stage], None]:
-        def rotated(stage: Stage) -> None:
-            def change(header: Header) -> Header:
-                names = [*KEYS[turn:], *KEYS[:turn]]
-                return {name: header[name] for name in names}
-
-            answered(stage.ask(Request("PING"), change=change), "PONG")
-
-        return rotated
-
-    for turn, key in enumerate(KEYS):
-        yield Case("4", f"keys-beginning-with-{key}", "The keys may come in any order", run(turn))
+@suite("4", {f"keys-beginning-with-{key}": (turn,) for turn, key in enumerate(KEYS)})
+def order_of_keys(stage: Stage, turn: int) -> None:
+    """The keys may come in any order."""
+    names = [*KEYS[turn:], *KEYS[:turn]]
+    answered(stage.ask(Request("PING"), change=lambda header: {name: header[name] for name in names}), "PONG")
 
 
-@suite.family
-def identity_in_errors() -> Iterator[Case]:
-    """A reply has the client and the sequence of its request, if they were readable."""
+_READABLE: dict[str, tuple[Change, bool, bool]] = {
+    "id-with-a-wrong-type": (_set("type", 1), True, True),
+    "id-with-a-wrong-version": (_set("v", 2), True, True),
+    "id-with-wrong-fields": (_set("fields", []), True, True),
+    "id-with-an-unknown-field": (_set("fields", {"x": 1}), True, True),
+    "id-with-a-wrong-client": (_set("client", "x"), False, True),
+    "id-with-a-wrong-sequence": (_set("sequence", "x"), True, False),
+    "id-of-an-unreadable-header": (lambda header: pack(header)[:-3], False, False),
+}
 
-    def run(change: Change, client: bool, sequence: bool) -> Callable[[Stage], None]:
-        def echoed(stage: Stage) -> None:
-            line = stage.control
-            number = line.next() + 41
-            stage.put(line, Request("PING").frames(line.client, number, change))
-            reply = refused(line.receive(), "INVALID_ARGUMENT", "UNIMPLEMENTED")
-            wanted = (line.client if client else reply.client, number if sequence else 0)
-            if (reply.client, reply.sequence) != wanted:
-                raise Unmet(f"client {wanted[0][:4].hex()}…, sequence {wanted[1]}", show(reply))
 
-        return echoed
-
-    demand = "An ERROR has the request id as far as it was readable"
-    yield Case("4", "id-with-a-wrong-type", demand, run(_set("type", 1), True, True))
-    yield Case("4", "id-with-a-wrong-version", demand, run(_set("v", 2), True, True))
-    yield Case("4", "id-with-wrong-fields", demand, run(_set("fields", []), True, True))
-    yield Case("4", "id-with-an-unknown-field", demand, run(_set("fields", {"x": 1}), True, True))
-    yield Case("4", "id-with-a-wrong-client", demand, run(_set("client", "x"), False, True))
-    yield Case("4", "id-with-a-wrong-sequence", demand, run(_set("sequence", "x"), True, False))
-    yield Case("4", "id-of-an-unreadable-header", demand, run(lambda h: pack(h)[:-3], False, False))
+@suite("4", _READABLE)
+def identity_in_errors(stage: Stage, change: Change, client: bool, sequence: bool) -> None:
+    """An ERROR has the request id as far as it was readable."""
+    line = stage.control
+    number = line.next() + 41
+    stage.put(line, Request("PING").frames(line.client, number, change))
+    reply = refused(line.receive(), "INVALID_ARGUMENT", "UNIMPLEMENTED")
+    wanted = (line.client if client else reply.client, number if sequence else 0)
+    if (reply.client, reply.sequence) != wanted:
+        raise Unmet(f"client {wanted[0][:4].hex()}…, sequence {wanted[1]}", show(reply))
 
 
 # --- what msgpack leaves open, by number -----------------------------------------------------------------------------
@@ -223,18 +209,15 @@ _INTEGERS = {
 }  # fmt: skip
 
 
+@suite("4.4", {f"sequence-as-{name}": (raw,) for name, raw in _INTEGERS.items()})
+def encodings_of_integers(stage: Stage, raw: bytes) -> None:
+    """Any msgpack encoding of an integer is admitted."""
+    answered(stage.ask(Request("PING"), sequence=33, change=_raw(b"sequence\x21", b"sequence" + raw)), "PONG")
+
+
 @suite.family
 def integers() -> Iterator[Case]:
     """4.4"""
-
-    def run(raw: bytes) -> Callable[[Stage], None]:
-        def encoded(stage: Stage) -> None:
-            answered(stage.ask(Request("PING"), sequence=33, change=_raw(b"sequence\x21", b"sequence" + raw)), "PONG")
-
-        return encoded
-
-    for name, raw in _INTEGERS.items():
-        yield Case("4.4", f"sequence-as-{name}", "Any msgpack encoding of an integer is admitted", run(raw))
     demand = "Integers are in −2⁶³ … 2⁶³−1"
     for name, value in (("2-63", 2**63), ("2-64-1", 2**64 - 1)):
         yield _case("4.4", f"{name}-as-sequence", demand, Request("PING"), _set("sequence", value))

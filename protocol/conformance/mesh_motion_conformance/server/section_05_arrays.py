@@ -277,64 +277,51 @@ def rows_left_out(stage: Stage) -> None:
     refused(session.ask(Request("UPLOAD", _nodes(session).fields)), "INVALID_ARGUMENT", state="OPENING")
 
 
-@suite.family
-def arrays_of_others() -> Iterator[Case]:
-    """A request with an array that it does not have is refused."""
-
-    def run(kind: str) -> Callable[[Stage], None]:
-        def with_displacement(stage: Stage) -> None:
-            state = {"BUILD": "OPENING", "COMMIT": "TRIAL"}.get(kind, "READY")
-            session = stage.session(state)
-            refused(session.ask(session.request(kind).carrying(displacement=session.rows())), _HEADER, state=state)
-
-        return with_displacement
-
-    for kind in ("PING", "JOIN", "BUILD", "COMMIT", "ROLLBACK", "FETCH", "STATUS", "CLOSE"):
-        yield Case("5", f"{kind}-with-an-array", "A request has no arrays but those of section 12", run(kind))
+_WITHOUT_ARRAYS = ("PING", "JOIN", "BUILD", "COMMIT", "ROLLBACK", "FETCH", "STATUS", "CLOSE")
 
 
-@suite.family
-def dimension() -> Iterator[Case]:
-    """5.4, and the axis of moving nodes."""
-
-    def run(shape: tuple[int, int]) -> Callable[[Stage], None]:
-        def shaped(stage: Stage) -> None:
-            session = stage.session("READY")
-            refused(session.ask(session.request("MOVE").carrying(displacement=np.zeros(shape))), _SHAPE, state="READY")
-
-        return shaped
-
-    for shape in ((4, 1), (4, 3)):
-        yield Case(
-            "5.4", f"{shape[1]}-columns-in-2D", "Axes named dimension have the length of the session", run(shape)
-        )
-    for shape in ((0, 2), (3, 2), (5, 2), (16, 2)):
-        yield Case("13.5", f"{shape[0]}-rows", "One row a moving node of the partition", run(shape))
+@suite("5", {f"{kind}-with-an-array": (kind,) for kind in _WITHOUT_ARRAYS})
+def arrays_of_others(stage: Stage, kind: str) -> None:
+    """A request has no arrays but those of section 12."""
+    state = {"BUILD": "OPENING", "COMMIT": "TRIAL"}.get(kind, "READY")
+    session = stage.session(state)
+    refused(session.ask(session.request(kind).carrying(displacement=session.rows())), _HEADER, state=state)
 
 
-@suite.family
-def non_finite() -> Iterator[Case]:
-    """5.6"""
+def _misshapen(stage: Stage, rows: int, columns: int) -> None:
+    session = stage.session("READY")
+    move = session.request("MOVE").carrying(displacement=np.zeros((rows, columns)))
+    refused(session.ask(move), _SHAPE, state="READY")
 
-    def run(kind: str, value: float, dtype: str) -> Callable[[Stage], None]:
-        def poisoned(stage: Stage) -> None:
-            session = stage.session(_STATE[kind])
-            request = _request(session, kind)
-            name, rows = next(iter(request.arrays.items()))
-            bad = rows.astype(dtype)
-            bad[1, 1] = value
-            reply = refused(session.ask(request.carrying(**{name: bad})), _NONFINITE, state=_STATE[kind])
-            if not {"node", "row"} & set(reply.fields["details"]):
-                raise Unmet("details that name the node or the row", show(reply))
 
-        return poisoned
+@suite("5.4", {f"{columns}-columns-in-2D": (columns,) for columns in (1, 3)})
+def dimension(stage: Stage, columns: int) -> None:
+    """Axes named dimension have the length of the session."""
+    _misshapen(stage, 4, columns)
 
-    for kind in _STATE:
-        for value in (float("nan"), float("inf"), float("-inf")):
-            for dtype in ("<f8", "<f4"):
-                yield Case(
-                    "5.6",
-                    f"{kind}-{value}-{dtype}",
-                    "NaN and infinities in arrays of requests are refused",
-                    run(kind, value, dtype),
-                )
+
+@suite("13.5", {f"{rows}-rows": (rows,) for rows in (0, 3, 5, 16)})
+def moving_rows(stage: Stage, rows: int) -> None:
+    """One row a moving node of the partition."""
+    _misshapen(stage, rows, 2)
+
+
+_NON_FINITE = {
+    f"{kind}-{value}-{dtype}": (kind, value, dtype)
+    for kind in _STATE
+    for value in (float("nan"), float("inf"), float("-inf"))
+    for dtype in ("<f8", "<f4")
+}
+
+
+@suite("5.6", _NON_FINITE)
+def non_finite(stage: Stage, kind: str, value: float, dtype: str) -> None:
+    """NaN and infinities in arrays of requests are refused."""
+    session = stage.session(_STATE[kind])
+    request = _request(session, kind)
+    name, rows = next(iter(request.arrays.items()))
+    bad = rows.astype(dtype)
+    bad[1, 1] = value
+    reply = refused(session.ask(request.carrying(**{name: bad})), _NONFINITE, state=_STATE[kind])
+    if not {"node", "row"} & set(reply.fields["details"]):
+        raise Unmet("details that name the node or the row", show(reply))

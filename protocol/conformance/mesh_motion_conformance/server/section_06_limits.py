@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-
 import numpy as np
 
-from mesh_motion_conformance.case import Case, Skip, Suite, Unmet
+from mesh_motion_conformance.case import Skip, Suite, Unmet
 from mesh_motion_conformance.checks import answered, refused
 from mesh_motion_conformance.server.requests import Request
 from mesh_motion_conformance.server.stage import Stage
@@ -19,26 +17,16 @@ __all__ = ["suite"]
 suite = Suite()
 
 
-@suite.family
-def announced() -> Iterator[Case]:
-    """WELCOME carries all limits."""
-
-    def run(name: str) -> Callable[[Stage], None]:
-        def carried(stage: Stage) -> None:
-            limits, row = stage.limits(), tables().limits[name]
-            if name not in limits:
-                raise Unmet(f"{name} in WELCOME's limits", ", ".join(sorted(limits)))
-            if row["protocol"] and limits[name] != row["value"]:
-                raise Unmet(f"{name} = {row['value']}, set by the protocol", str(limits[name]))
-            if limits[name] <= 0:
-                raise Unmet(f"{name} above 0", str(limits[name]))
-
-        return carried
-
-    for name in tables().limits:
-        yield Case(
-            "6", f"{name}-in-WELCOME", "WELCOME carries all limits, those of the protocol with its values", run(name)
-        )
+@suite("6", lambda: {f"{name}-in-WELCOME": (name,) for name in tables().limits})
+def announced(stage: Stage, name: str) -> None:
+    """WELCOME carries all limits, those of the protocol with its values."""
+    limits, row = stage.limits(), tables().limits[name]
+    if name not in limits:
+        raise Unmet(f"{name} in WELCOME's limits", ", ".join(sorted(limits)))
+    if row["protocol"] and limits[name] != row["value"]:
+        raise Unmet(f"{name} = {row['value']}, set by the protocol", str(limits[name]))
+    if limits[name] <= 0:
+        raise Unmet(f"{name} above 0", str(limits[name]))
 
 
 @suite("6")

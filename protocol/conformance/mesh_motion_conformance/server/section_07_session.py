@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 
 import numpy as np
 
-from mesh_motion_conformance.case import Case, Suite, Unmet
+from mesh_motion_conformance.case import Suite, Unmet
 from mesh_motion_conformance.checks import answered, refused
 from mesh_motion_conformance.server.requests import Request
 from mesh_motion_conformance.server.session import Session
@@ -40,27 +40,21 @@ def _first_difference(got: Array, wanted: Array) -> str:
     return f"{got[at[0]]!r} for {wanted[at[0]]!r} at {at[0]}, and {len(at) - 1} others" if at else "another zero or NaN"
 
 
-@suite.family
-def order() -> Iterator[Case]:
-    """The requests of a session in their order, each with the reply of the table."""
+_ORDERS = {
+    "a-step": ("MOVE, COMMIT",),
+    "three-iterations": ("MOVE, MOVE, MOVE, COMMIT",),
+    "a-step-dropped": ("MOVE, ROLLBACK, MOVE, COMMIT",),
+    "questions-between": ("STATUS, MOVE, STATUS, FETCH, PING, COMMIT, FETCH",),
+    "nothing-dropped": ("ROLLBACK, ROLLBACK, MOVE, ROLLBACK",),
+}
 
-    def run(kinds: list[str]) -> Callable[[Stage], None]:
-        def played(stage: Stage) -> None:
-            session = stage.session("READY")
-            for kind in kinds:
-                session.do(kind)
 
-        return played
-
-    ways = {
-        "a-step": ["MOVE", "COMMIT"],
-        "three-iterations": ["MOVE", "MOVE", "MOVE", "COMMIT"],
-        "a-step-dropped": ["MOVE", "ROLLBACK", "MOVE", "COMMIT"],
-        "questions-between": ["STATUS", "MOVE", "STATUS", "FETCH", "PING", "COMMIT", "FETCH"],
-        "nothing-dropped": ["ROLLBACK", "ROLLBACK", "MOVE", "ROLLBACK"],
-    }
-    for name, kinds in ways.items():
-        yield Case("7", name, f"A session takes {', '.join(kinds)}", run(kinds))
+@suite("7", _ORDERS)
+def order(stage: Stage, kinds: str) -> None:
+    """A session takes {0}."""
+    session = stage.session("READY")
+    for kind in kinds.split(", "):
+        session.do(kind)
 
 
 @suite("7.1")
@@ -118,43 +112,36 @@ def iterations_are_counted(stage: Stage) -> None:
         raise Unmet("iterations 1, 2, 3, and 1 after the COMMIT", str(got))
 
 
-@suite.family
-def refusals_without_effect() -> Iterator[Case]:
-    """7.2"""
+def _move_with_nan(session: Session) -> Request:
+    rows = session.rows()
+    rows[2, 0] = np.nan
+    return session.request("MOVE").carrying(displacement=rows)
 
-    def run(make: Callable[[Session], Request]) -> Callable[[Stage], None]:
-        def nothing(stage: Stage) -> None:
-            session = stage.session("TRIAL")
-            before, points = session.status(), _points(session)
-            refused(session.ask(make(session)), "INVALID_ARGUMENT", "FAILED_PRECONDITION", state="TRIAL")
-            after = session.status()
-            for name in ("state", "step", "iteration"):
-                if after[name] != before[name]:
-                    raise Unmet(f"{name} {before[name]}, as before", str(after[name]))
-            _bitwise(_points(session), points, "the committed coordinates of before")
 
-        return nothing
+_REFUSED: dict[str, tuple[Callable[[Session], Request]]] = {
+    "MOVE-with-nan": (_move_with_nan,),
+    "MOVE-of-another-step": (lambda s: s.request("MOVE").having(step=s.step + 2),),
+    "MOVE-of-another-shape": (lambda s: s.request("MOVE").carrying(displacement=np.zeros((1, 2))),),
+    "MOVE-that-inverts": (lambda s: s.request("MOVE").carrying(displacement=s.rows(size=50.0)),),
+    "COMMIT-of-another-step": (lambda s: s.request("COMMIT").having(step=s.step),),
+    "ROLLBACK-of-another-step": (lambda s: s.request("ROLLBACK").having(step=s.step + 2),),
+    "UPLOAD-once-built": (lambda s: s.request("UPLOAD"),),
+    "BUILD-once-built": (lambda s: s.request("BUILD"),),
+    "CLOSE-with-a-wrong-outcome": (lambda s: s.request("CLOSE").having(outcome="burn"),),
+}
 
-    def bad_rows(session: Session) -> Request:
-        rows = session.rows()
-        rows[2, 0] = np.nan
-        return session.request("MOVE").carrying(displacement=rows)
 
-    ways: dict[str, Callable[[Session], Request]] = {
-        "MOVE-with-nan": bad_rows,
-        "MOVE-of-another-step": lambda s: s.request("MOVE").having(step=s.step + 2),
-        "MOVE-of-another-shape": lambda s: s.request("MOVE").carrying(displacement=np.zeros((1, 2))),
-        "MOVE-that-inverts": lambda s: s.request("MOVE").carrying(displacement=s.rows(size=50.0)),
-        "COMMIT-of-another-step": lambda s: s.request("COMMIT").having(step=s.step),
-        "ROLLBACK-of-another-step": lambda s: s.request("ROLLBACK").having(step=s.step + 2),
-        "UPLOAD-once-built": lambda s: s.request("UPLOAD"),
-        "BUILD-once-built": lambda s: s.request("BUILD"),
-        "CLOSE-with-a-wrong-outcome": lambda s: s.request("CLOSE").having(outcome="burn"),
-    }
-    for name, make in ways.items():
-        yield Case(
-            "7.2", name, "A request that is answered by ERROR has had no effect; a trial is still there", run(make)
-        )
+@suite("7.2", _REFUSED)
+def refusals_without_effect(stage: Stage, make: Callable[[Session], Request]) -> None:
+    """A request that is answered by ERROR has had no effect; a trial is still there."""
+    session = stage.session("TRIAL")
+    before, points = session.status(), _points(session)
+    refused(session.ask(make(session)), "INVALID_ARGUMENT", "FAILED_PRECONDITION", state="TRIAL")
+    after = session.status()
+    for name in ("state", "step", "iteration"):
+        if after[name] != before[name]:
+            raise Unmet(f"{name} {before[name]}, as before", str(after[name]))
+    _bitwise(_points(session), points, "the committed coordinates of before")
 
 
 @suite("7.2")
@@ -183,34 +170,21 @@ def own_order(stage: Stage) -> None:
         raise Unmet("no displacement at the fixed nodes", f"up to {np.abs(fixed).max():.1e}")
 
 
-@suite.family
-def sums() -> Iterator[Case]:
-    """7.5"""
-
-    def run(frame: str, what: str) -> Callable[[Stage], None]:
-        def summed(stage: Stage) -> None:
-            session = stage.session("READY")
-            _move(session)
-            session.do("COMMIT")
-            total = session.rows(size=0.013 if frame == "reference" else -0.004)
-            if frame == "reference":
-                start = _points(session, "committed")[session.parts[0].moving]
-                total += start - _points(session, "reference")[session.parts[0].moving]
-            base = _points(session, what)
-            request = session.request("MOVE").having(frame=frame).carrying(displacement=total)
-            moved = answered(session.ask(request), "MOVED")
-            session.do("COMMIT")
-            _bitwise(_points(session), base + moved.arrays["displacement"], f"{what} coordinates + displacement")
-
-        return summed
-
-    for frame in ("committed", "reference"):
-        yield Case(
-            "7.5",
-            f"{frame}-frame",
-            "displacement + the frame's coordinates are the coordinates held",
-            run(frame, frame),
-        )
+@suite("7.5", {f"{frame}-frame": (frame,) for frame in ("committed", "reference")})
+def sums(stage: Stage, frame: str) -> None:
+    """displacement + the frame's coordinates are the coordinates held."""
+    session = stage.session("READY")
+    _move(session)
+    session.do("COMMIT")
+    total = session.rows(size=0.013 if frame == "reference" else -0.004)
+    if frame == "reference":
+        start = _points(session, "committed")[session.parts[0].moving]
+        total += start - _points(session, "reference")[session.parts[0].moving]
+    base = _points(session, frame)
+    request = session.request("MOVE").having(frame=frame).carrying(displacement=total)
+    moved = answered(session.ask(request), "MOVED")
+    session.do("COMMIT")
+    _bitwise(_points(session), base + moved.arrays["displacement"], f"{frame} coordinates + displacement")
 
 
 @suite("7")
@@ -223,28 +197,25 @@ def fetch_shows_no_trial(stage: Stage) -> None:
     _bitwise(_points(session, "reference"), session.parts[0].points, "the reference coordinates")
 
 
-@suite.family
-def steps_reported() -> Iterator[Case]:
-    """Each reply that has a step has the step of its row."""
+_STEPS: dict[str, tuple[str, str, int, dict[str, str]]] = {
+    "MOVED-step": ("MOVE", "READY", 1, {}),
+    "COMMITTED-step": ("COMMIT", "TRIAL", 1, {}),
+    "ROLLED-BACK-step": ("ROLLBACK", "TRIAL", 0, {}),
+    "STATUS-REPORT-step": ("STATUS", "TRIAL", 0, {}),
+    "JOINED-step": ("JOIN", "TRIAL", 0, {}),
+    "FETCHED-step-of-the-committed-state": ("FETCH", "READY", 0, {"what": "committed"}),
+    "FETCHED-step-with-the-reference-mesh": ("FETCH", "READY", 0, {"what": "reference"}),
+}
 
-    def run(kind: str, state: str, offset: int, **fields: str) -> Callable[[Stage], None]:
-        def steps(stage: Stage) -> None:
-            session = stage.session(state)
-            if session.step == 0:
-                session.reach("TRIAL").do("COMMIT")
-                session.reach(state)
-            before = session.step
-            reply = session.do(session.request(kind).having(**fields))
-            if reply.fields["step"] != before + offset:
-                raise Unmet(f"step {before + offset}", show(reply))
 
-        return steps
-
-    ready = "step is that of section 12's row"
-    yield Case("12", "MOVED-step", ready, run("MOVE", "READY", 1))
-    yield Case("12", "COMMITTED-step", ready, run("COMMIT", "TRIAL", 1))
-    yield Case("12", "ROLLED-BACK-step", ready, run("ROLLBACK", "TRIAL", 0))
-    yield Case("12", "STATUS-REPORT-step", ready, run("STATUS", "TRIAL", 0))
-    yield Case("12", "JOINED-step", ready, run("JOIN", "TRIAL", 0))
-    yield Case("12", "FETCHED-step-of-the-committed-state", ready, run("FETCH", "READY", 0, what="committed"))
-    yield Case("12", "FETCHED-step-with-the-reference-mesh", ready, run("FETCH", "READY", 0, what="reference"))
+@suite("12", _STEPS)
+def steps_reported(stage: Stage, kind: str, state: str, offset: int, fields: dict[str, str]) -> None:
+    """step is that of section 12's row."""
+    session = stage.session(state)
+    if session.step == 0:
+        session.reach("TRIAL").do("COMMIT")
+        session.reach(state)
+    before = session.step
+    reply = session.do(session.request(kind).having(**fields))
+    if reply.fields["step"] != before + offset:
+        raise Unmet(f"step {before + offset}", show(reply))

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
 
-from mesh_motion_conformance.case import Case, Skip, Suite, Unmet
+from mesh_motion_conformance.case import Rows, Skip, Suite, Unmet
 from mesh_motion_conformance.checks import answered, refused
 from mesh_motion_conformance.line import Ended, Silence
 from mesh_motion_conformance.server.session import Session
@@ -17,6 +16,7 @@ __all__ = ["suite"]
 
 suite = Suite()
 
+_REFUSAL = "a refusal"
 _REACHED = ("NEW", "OPENING", "READY", "TRIAL")
 _UNREACHED = {
     "COMMITTING": "a commit lasts milliseconds and the data endpoint answers nothing meanwhile",
@@ -25,61 +25,53 @@ _UNREACHED = {
 }
 
 
-@suite.family
-def table() -> Iterator[Case]:
-    """The state × request table, cell by cell."""
-    for state in _REACHED:
-        for kind, after in tables().states[state].items():
-            if kind not in ("CLOSE", "JUDGE", "CORRECT", "lease ends"):  # section 23 has these two
-                yield _cell(state, kind, after)
-    for state in _REACHED:
-        yield Case("8", f"{state}-CLOSE", f"{state}: CLOSE leads to CLOSED", _closing(state))
-    for state, why in _UNREACHED.items():
-        yield Case("8", state, f"The cells of state {state}", _unreached(why))
+def _cells() -> Rows:
+    """The state × request table, cell by cell; section 23 has JUDGE and CORRECT."""
+    return {
+        f"{state}-{kind}": (state, kind, after or _REFUSAL)
+        for state in _REACHED
+        for kind, after in tables().states[state].items()
+        if kind not in ("CLOSE", "JUDGE", "CORRECT", "lease ends")
+    }
 
 
-def _cell(state: str, kind: str, after: str | None) -> Case:
-    demand = f"{state}: {kind} leads to {after}" if after else f"{state}: {kind} is refused"
-
-    def run(stage: Stage) -> None:
-        session = stage.session(state)
-        if kind == "RESUME":
-            session.resume()
-            session.join()
-        elif after is None:
-            refused(session.ask(kind), "FAILED_PRECONDITION.STATE", state=state)
-        elif kind == "BUILD":
-            session = stage.open()
-            session.upload()
-            session.do("BUILD")
-        else:
-            session.do(kind)
-        found = session.status()["state"]
-        if found != (after or state):
-            raise Unmet(f"state {after or state} after {kind}", f"state {found}")
-
-    return Case("8", f"{state}-{kind}", demand, run)
+@suite("8", _cells)
+def cell(stage: Stage, state: str, kind: str, after: str) -> None:
+    """{0}: {1} leads to {2}."""
+    session = stage.session(state)
+    if kind == "RESUME":
+        session.resume()
+        session.join()
+    elif after == _REFUSAL:
+        refused(session.ask(kind), "FAILED_PRECONDITION.STATE", state=state)
+    elif kind == "BUILD":
+        session = stage.open()
+        session.upload()
+        session.do("BUILD")
+    else:
+        session.do(kind)
+    found = session.status()["state"]
+    wanted = state if after == _REFUSAL else after
+    if found != wanted:
+        raise Unmet(f"state {wanted} after {kind}", f"state {found}")
 
 
-def _closing(state: str) -> Callable[[Stage], None]:
-    """CLOSED and its effect: a session that was built can be resumed, another one is deleted (11.6)."""
-
-    def run(stage: Stage) -> None:
-        session = stage.session(state, "closing" if state in ("READY", "TRIAL") else "shared")
-        step = session.step
-        closed = session.do("CLOSE")
-        if closed.fields["step"] != step:
-            raise Unmet(f"step {step}", show(closed))
-        _is_over(session)
-        if state in ("READY", "TRIAL"):
-            resumed = session.resume()
-            if (resumed.fields["state"], resumed.fields["step"]) != ("READY", step):
-                raise Unmet(f"READY at step {step} after RESUME", show(resumed))
-            session.join()
-        else:
-            refused(stage.ask(session.request("RESUME")), "NOT_FOUND", state="")
-
-    return run
+@suite("8", {f"{state}-CLOSE": (state,) for state in _REACHED})
+def closing(stage: Stage, state: str) -> None:
+    """{0}: CLOSE leads to CLOSED; a session that was built can be resumed, another one is deleted (11.6)."""
+    session = stage.session(state, "closing" if state in ("READY", "TRIAL") else "shared")
+    step = session.step
+    closed = session.do("CLOSE")
+    if closed.fields["step"] != step:
+        raise Unmet(f"step {step}", show(closed))
+    _is_over(session)
+    if state in ("READY", "TRIAL"):
+        resumed = session.resume()
+        if (resumed.fields["state"], resumed.fields["step"]) != ("READY", step):
+            raise Unmet(f"READY at step {step} after RESUME", show(resumed))
+        session.join()
+    else:
+        refused(stage.ask(session.request("RESUME")), "NOT_FOUND", state="")
 
 
 def _is_over(session: Session) -> None:
@@ -92,34 +84,34 @@ def _is_over(session: Session) -> None:
         session.lines[0].close()
 
 
-def _unreached(why: str) -> Callable[[Stage], None]:
-    def run(_: Stage) -> None:
-        raise Skip(f"cannot be had from outside: {why}")
+@suite("8", {state: (state, why) for state, why in _UNREACHED.items()})
+def unreached(stage: Stage, state: str, why: str) -> None:
+    """The cells of state {0}."""
+    del stage
+    raise Skip(f"no client can bring a session into {state}: {why}")
 
-    return run
+
+_OFFSETS = {"before-the-last": -1, "committed-already": 0, "next-but-one": 2, "largest": None}
 
 
-@suite.family
-def steps() -> Iterator[Case]:
-    """MOVE, COMMIT and ROLLBACK name the committed step + 1."""
-
-    def run(kind: str, offset: int) -> Callable[[Stage], None]:
-        def other_step(stage: Stage) -> None:
-            session = stage.session("READY")
-            if session.step < 2:
-                for _ in range(2):
-                    session.do("MOVE")
-                    session.do("COMMIT")
-            session.reach("TRIAL")
-            step = 2**63 - 1 if offset > 9 else session.step + offset
-            refused(session.ask(session.request(kind).having(step=step)), "FAILED_PRECONDITION.STEP", state="TRIAL")
-
-        return other_step
-
-    names = {-1: "before-the-last", 0: "committed-already", 2: "next-but-one", 10: "largest"}
-    for kind in ("MOVE", "COMMIT", "ROLLBACK"):
-        for offset, name in names.items():
-            yield Case("12", f"{kind}-step-{name}", f"{kind}'s step is the committed step + 1", run(kind, offset))
+@suite(
+    "12",
+    {
+        f"{kind}-step-{name}": (kind, offset)
+        for kind in ("MOVE", "COMMIT", "ROLLBACK")
+        for name, offset in _OFFSETS.items()
+    },
+)
+def other_steps(stage: Stage, kind: str, offset: int | None) -> None:
+    """{0}'s step is the committed step + 1."""
+    session = stage.session("READY")
+    if session.step < 2:
+        for _ in range(2):
+            session.do("MOVE")
+            session.do("COMMIT")
+    session.reach("TRIAL")
+    step = 2**63 - 1 if offset is None else session.step + offset
+    refused(session.ask(session.request(kind).having(step=step)), "FAILED_PRECONDITION.STEP", state="TRIAL")
 
 
 @suite("8")
@@ -196,19 +188,11 @@ def SUSPENDED_RESUME(stage: Stage) -> None:
     session.do("MOVE")
 
 
-@suite.family
-def without_a_mesh() -> Iterator[Case]:
-    """A session that is not BUILT ends with its lease."""
-
-    def run(state: str) -> Callable[[Stage], None]:
-        def lease_ended(stage: Stage) -> None:
-            session = _suspended(stage, state, connect=False)
-            refused(stage.ask(session.request("RESUME")), "NOT_FOUND", state="")
-
-        return lease_ended
-
-    for state in ("NEW", "OPENING"):
-        yield Case("8", f"{state}-lease-ends", f"{state}: the lease ends, CLOSED; the session is gone", run(state))
+@suite("8", {f"{state}-lease-ends": (state,) for state in ("NEW", "OPENING")})
+def without_a_mesh(stage: Stage, state: str) -> None:
+    """{0}: the lease ends, CLOSED; the session is gone."""
+    session = _suspended(stage, state, connect=False)
+    refused(stage.ask(session.request("RESUME")), "NOT_FOUND", state="")
 
 
 @suite("2.8")
@@ -224,17 +208,8 @@ def lease_holds_while_a_connection_is_open(stage: Stage) -> None:
         raise Unmet("state TRIAL", f"state {state}")
 
 
-@suite.family
-def before_join() -> Iterator[Case]:
-    """JOIN is first on every data connection."""
-
-    def run(kind: str) -> Callable[[Stage], None]:
-        def stranger(stage: Stage) -> None:
-            session = stage.session("READY")
-            refused(stage.ask(session.request(kind), session.connect()), "UNAUTHENTICATED", state="READY")
-
-        return stranger
-
-    for kind in tables().data:
-        if kind not in ("PING", "JOIN"):
-            yield Case("7", f"{kind}-before-JOIN", "JOIN on every data connection first", run(kind))
+@suite("7", lambda: {f"{kind}-before-JOIN": (kind,) for kind in tables().data if kind not in ("PING", "JOIN")})
+def before_join(stage: Stage, kind: str) -> None:
+    """JOIN on every data connection first."""
+    session = stage.session("READY")
+    refused(stage.ask(session.request(kind), session.connect()), "UNAUTHENTICATED", state="READY")

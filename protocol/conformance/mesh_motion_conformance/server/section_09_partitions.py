@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from typing import Any
 
 import numpy as np
 
@@ -87,25 +86,18 @@ def each_gets_its_own_nodes(stage: Stage) -> None:
             raise Unmet("the partition's coordinates as uploaded", f"{points[:2].tolist()} …")
 
 
-@suite.family
-def partition_numbers() -> Iterator[Case]:
-    """partition is 0 … partitions − 1."""
+_BEYOND = {
+    f"{kind}-of-partition-{partition}": (kind, partition)
+    for kind in ("JOIN", "MOVE", "STATUS", "FETCH", "CLOSE")
+    for partition in (2, 255)
+}
 
-    def run(kind: str, partition: int) -> Callable[[Stage], None]:
-        def beyond(stage: Stage) -> None:
-            session = _pair(stage)
-            refused(session.ask(session.request(kind).having(partition=partition)), "INVALID_ARGUMENT.VALUE")
 
-        return beyond
-
-    for kind in ("JOIN", "MOVE", "STATUS", "FETCH", "CLOSE"):
-        for partition in (2, 255):
-            yield Case(
-                "9.1",
-                f"{kind}-of-partition-{partition}",
-                "There are as many partitions as OPEN said",
-                run(kind, partition),
-            )
+@suite("9.1", _BEYOND)
+def partition_numbers(stage: Stage, kind: str, partition: int) -> None:
+    """There are as many partitions as OPEN said."""
+    session = _pair(stage)
+    refused(session.ask(session.request(kind).having(partition=partition)), "INVALID_ARGUMENT.VALUE")
 
 
 @suite("9.1")
@@ -115,62 +107,44 @@ def other_partitions_connection(stage: Stage) -> None:
     refused(session.ask(session.request("STATUS").having(partition=1), 0), "UNAUTHENTICATED")
 
 
-@suite.family
-def collective() -> Iterator[Case]:
-    """9.2"""
-
-    def run(kind: str) -> Callable[[Stage], None]:
-        def waits(stage: Stage) -> None:
-            session = _pair(stage, "TRIAL" if kind == "COMMIT" else "READY")
-            number = _ask(session, session.request(kind, 1), 1)
-            _silent(session, 1)
-            waiting = session.status()["waiting_for"]
-            if waiting != [0]:
-                raise Unmet("waiting_for [0]", str(waiting))
-            other = _ask(session, session.request(kind, 0), 0)
-            replies = [_receive(session, 1, number), _receive(session, 0, other)]
-            kinds = {reply.kind for reply in replies}
-            if len(kinds) != 1 or "ERROR" in kinds:
-                raise Unmet(f"the reply to {kind} for each", ", ".join(show(reply) for reply in replies))
-            if session.status()["waiting_for"]:
-                raise Unmet("waiting_for [] afterwards", str(session.status()["waiting_for"]))
-
-        return waits
-
-    for kind in ("MOVE", "ROLLBACK", "COMMIT"):
-        yield Case("9.2", f"{kind}-waits-for-all", f"{kind} waits for every partition and answers each", run(kind))
+@suite("9.2", {f"{kind}-waits-for-all": (kind,) for kind in ("MOVE", "ROLLBACK", "COMMIT")})
+def collective(stage: Stage, kind: str) -> None:
+    """{0} waits for every partition and answers each."""
+    session = _pair(stage, "TRIAL" if kind == "COMMIT" else "READY")
+    number = _ask(session, session.request(kind, 1), 1)
+    _silent(session, 1)
+    waiting = session.status()["waiting_for"]
+    if waiting != [0]:
+        raise Unmet("waiting_for [0]", str(waiting))
+    other = _ask(session, session.request(kind, 0), 0)
+    replies = [_receive(session, 1, number), _receive(session, 0, other)]
+    kinds = {reply.kind for reply in replies}
+    if len(kinds) != 1 or "ERROR" in kinds:
+        raise Unmet(f"the reply to {kind} for each", ", ".join(show(reply) for reply in replies))
+    if session.status()["waiting_for"]:
+        raise Unmet("waiting_for [] afterwards", str(session.status()["waiting_for"]))
 
 
-@suite.family
-def disagreement() -> Iterator[Case]:
-    """9.2"""
+def _tangent(session: Session, vectors: int) -> Request:
+    velocity = np.tile(session.rows(vectors - 1), vectors)
+    return Request("TANGENT", session.address(vectors - 1), {"velocity": velocity})
 
-    def run(first: str, second: str, **fields: Any) -> Callable[[Stage], None]:
-        def at_odds(stage: Stage) -> None:
-            session = _pair(stage, "TRIAL")
-            numbers = [
-                _ask(session, session.request(first, 0), 0),
-                _ask(session, session.request(second, 1).having(**fields), 1),
-            ]
-            for partition, number in enumerate(numbers):
-                refused(_receive(session, partition, number), _PARTITION, state="TRIAL")
 
-        return at_odds
+_AT_ODDS: dict[str, tuple[Callable[[Session], Request], Callable[[Session], Request]]] = {
+    "MOVE-and-COMMIT": (lambda s: s.request("MOVE", 0), lambda s: s.request("COMMIT", 1)),
+    "ROLLBACK-and-COMMIT": (lambda s: s.request("ROLLBACK", 0), lambda s: s.request("COMMIT", 1)),
+    "two-frames": (lambda s: s.request("MOVE", 0), lambda s: s.request("MOVE", 1).having(frame="reference")),
+    "two-numbers-of-vectors": (lambda s: _tangent(s, 1), lambda s: _tangent(s, 2)),
+}
 
-    demand = "Partitions that ask for different things are all refused"
-    yield Case("9.2", "MOVE-and-COMMIT", demand, run("MOVE", "COMMIT"))
-    yield Case("9.2", "ROLLBACK-and-COMMIT", demand, run("ROLLBACK", "COMMIT"))
-    yield Case("9.2", "two-frames", demand, run("MOVE", "MOVE", frame="reference"))
 
-    def of_vectors(stage: Stage) -> None:
-        session = _pair(stage, "TRIAL")
-        for partition, vectors in enumerate((1, 2)):
-            velocity = np.tile(session.rows(partition), vectors)
-            _ask(session, Request("TANGENT", session.address(partition), {"velocity": velocity}), partition)
-        for partition in (0, 1):
-            refused(session.lines[partition].receive(session.stage.opening_seconds), _PARTITION, state="TRIAL")
-
-    yield Case("9.2", "two-numbers-of-vectors", demand, of_vectors)
+@suite("9.2", _AT_ODDS)
+def disagreement(stage: Stage, *make: Callable[[Session], Request]) -> None:
+    """Partitions that ask for different things are all refused."""
+    session = _pair(stage, "TRIAL")
+    numbers = [_ask(session, each(session), partition) for partition, each in enumerate(make)]
+    for partition, number in enumerate(numbers):
+        refused(_receive(session, partition, number), _PARTITION, state="TRIAL")
 
 
 @suite("9.3")

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
+from typing import Any
 
-from mesh_motion_conformance.case import Case, Suite, Unmet
+from mesh_motion_conformance.case import Suite, Unmet
 from mesh_motion_conformance.checks import answered, refused
 from mesh_motion_conformance.server.requests import Request
 from mesh_motion_conformance.server.session import Session
@@ -33,54 +34,30 @@ def _stored(again: Message, first: Message) -> None:
         raise Unmet(f"the stored reply, {show(first)}", show(again))
 
 
-@suite.family
-def repeats() -> Iterator[Case]:
-    """10.1"""
-
-    def run(kind: str) -> Callable[[Stage], None]:
-        def repeat(stage: Stage) -> None:
-            session = stage.session(_STATE[kind])
-            _, first, again = _twice(session, session.request(kind))
-            _stored(again, first)
-
-        return repeat
-
-    for kind in _STATE:
-        yield Case(
-            "10.1",
-            f"repeat-of-{kind}",
-            "A request that is executed is executed once; its repeat gets the stored reply",
-            run(kind),
-        )
+@suite("10.1", {f"repeat-of-{kind}": (kind,) for kind in _STATE})
+def repeats(stage: Stage, kind: str) -> None:
+    """A request that is executed is executed once; its repeat gets the stored reply."""
+    session = stage.session(_STATE[kind])
+    _, first, again = _twice(session, session.request(kind))
+    _stored(again, first)
 
 
-@suite.family
-def executed_once() -> Iterator[Case]:
-    """10.1, seen at the session"""
+_COUNTED: dict[str, tuple[str, str, Callable[[Session], Any], int]] = {
+    "MOVE-counts-once": ("MOVE", "TRIAL", lambda s: s.status()["iteration"], 1),
+    "COMMIT-commits-once": ("COMMIT", "TRIAL", lambda s: s.status()["step"], 1),
+    "UPLOAD-appends-once": ("UPLOAD", "OPENING", lambda s: s.do("UPLOAD").fields["rows_total"], 2),
+}
 
-    def run(kind: str, state: str, seen: Callable[[Session], object], wanted: int) -> Callable[[Stage], None]:
-        def once(stage: Stage) -> None:
-            session = stage.session(state)
-            before = seen(session)
-            _twice(session, session.request(kind))
-            after = seen(session)
-            if not isinstance(before, int) or not isinstance(after, int) or after - before != wanted:
-                raise Unmet(f"{wanted} more than {before}", str(after))
 
-        return once
-
-    def iteration(session: Session) -> object:
-        return session.status()["iteration"]
-
-    def step(session: Session) -> object:
-        return session.status()["step"]
-
-    def rows(session: Session) -> object:
-        return answered(session.ask(session.request("UPLOAD")), "UPLOADED").fields["rows_total"]
-
-    yield Case("10.1", "MOVE-counts-once", "A repeated MOVE is one iteration", run("MOVE", "TRIAL", iteration, 1))
-    yield Case("10.1", "COMMIT-commits-once", "A repeated COMMIT is one step", run("COMMIT", "TRIAL", step, 1))
-    yield Case("10.1", "UPLOAD-appends-once", "A repeated UPLOAD is appended once", run("UPLOAD", "OPENING", rows, 2))
+@suite("10.1", _COUNTED)
+def executed_once(stage: Stage, kind: str, state: str, seen: Callable[[Session], Any], wanted: int) -> None:
+    """A repeated {0} counts once: one iteration, one step, the rows of one part."""
+    session = stage.session(state)
+    before = seen(session)
+    _twice(session, session.request(kind))
+    after = seen(session)
+    if not isinstance(before, int) or not isinstance(after, int) or after - before != wanted:
+        raise Unmet(f"{wanted} more than {before}", str(after))
 
 
 @suite("10.1")
@@ -120,78 +97,63 @@ def reply_that_was_never_read(stage: Stage) -> None:
         raise Unmet(f"step {step + 1}, once", show(reply))
 
 
-@suite.family
-def other_content() -> Iterator[Case]:
-    """10.2"""
-
-    def run(kind: str, change: Callable[[Session, Request], Request]) -> Callable[[Stage], None]:
-        def conflict(stage: Stage) -> None:
-            session = stage.session(_STATE[kind])
-            request = session.request(kind)
-            number = session.lines[0].next()
-            first = session.ask(request, sequence=number)
-            if first.kind == "ERROR":
-                raise Unmet(f"the reply to {kind}", show(first))
-            refused(session.ask(change(session, request), sequence=number), "ABORTED.CONFLICT")
-            _stored(session.ask(request, sequence=number), first)
-
-        return conflict
-
-    demand = "The same id with another content is answered ABORTED.CONFLICT"
-    ways: dict[str, tuple[str, Callable[[Session, Request], Request]]] = {
-        "MOVE-other-displacement": ("MOVE", lambda s, r: r.carrying(displacement=s.rows(size=0.02))),
-        "MOVE-one-bit-of-it": ("MOVE", lambda s, r: r.carrying(displacement=s.rows() * (1 + 2**-52))),
-        "MOVE-other-frame": ("MOVE", lambda _, r: r.having(frame="reference")),
-        "MOVE-other-step": ("MOVE", lambda s, r: r.having(step=s.step + 2)),
-        "UPLOAD-other-rows": ("UPLOAD", lambda _, r: r.carrying(rows=r.arrays["rows"] + 1)),
-        "UPLOAD-other-shape": ("UPLOAD", lambda _, r: r.carrying(rows=r.arrays["rows"][:0])),
-        "UPLOAD-other-name": ("UPLOAD", lambda _, r: r.having(name="other")),
-        "MOVE-then-ROLLBACK": ("MOVE", lambda s, _: s.request("ROLLBACK")),
-        "COMMIT-then-MOVE": ("COMMIT", lambda s, _: s.request("MOVE")),
-        "ROLLBACK-other-step": ("ROLLBACK", lambda s, r: r.having(step=s.step + 7)),
-    }
-    for name, (kind, change) in ways.items():
-        yield Case("10.2", name, demand, run(kind, change))
+_OTHER_CONTENT: dict[str, tuple[str, Callable[[Session, Request], Request]]] = {
+    "MOVE-other-displacement": ("MOVE", lambda s, r: r.carrying(displacement=s.rows(size=0.02))),
+    "MOVE-one-bit-of-it": ("MOVE", lambda s, r: r.carrying(displacement=s.rows() * (1 + 2**-52))),
+    "MOVE-other-frame": ("MOVE", lambda _, r: r.having(frame="reference")),
+    "MOVE-other-step": ("MOVE", lambda s, r: r.having(step=s.step + 2)),
+    "UPLOAD-other-rows": ("UPLOAD", lambda _, r: r.carrying(rows=r.arrays["rows"] + 1)),
+    "UPLOAD-other-shape": ("UPLOAD", lambda _, r: r.carrying(rows=r.arrays["rows"][:0])),
+    "UPLOAD-other-name": ("UPLOAD", lambda _, r: r.having(name="other")),
+    "MOVE-then-ROLLBACK": ("MOVE", lambda s, _: s.request("ROLLBACK")),
+    "COMMIT-then-MOVE": ("COMMIT", lambda s, _: s.request("MOVE")),
+    "ROLLBACK-other-step": ("ROLLBACK", lambda s, r: r.having(step=s.step + 7)),
+}
 
 
-@suite.family
-def same_content() -> Iterator[Case]:
-    """10.2, what is not content"""
+@suite("10.2", _OTHER_CONTENT)
+def other_content(stage: Stage, kind: str, change: Callable[[Session, Request], Request]) -> None:
+    """The same id with another content is answered ABORTED.CONFLICT."""
+    session = stage.session(_STATE[kind])
+    request = session.request(kind)
+    number = session.lines[0].next()
+    first = session.ask(request, sequence=number)
+    if first.kind == "ERROR":
+        raise Unmet(f"the reply to {kind}", show(first))
+    refused(session.ask(change(session, request), sequence=number), "ABORTED.CONFLICT")
+    _stored(session.ask(request, sequence=number), first)
 
-    def run(kind: str, change: Callable[[Request], Request]) -> Callable[[Stage], None]:
-        def same(stage: Stage) -> None:
-            session = stage.session(_STATE[kind])
-            request, number = session.request(kind), session.lines[0].next()
-            first = session.ask(request, sequence=number)
-            _stored(session.ask(change(request), sequence=number), first)
 
-        return same
+def _same(stage: Stage, kind: str, change: Callable[[Request], Request]) -> None:
+    """A repeat that is changed in this way gets the stored reply."""
+    session = stage.session(_STATE[kind])
+    request, number = session.request(kind), session.lines[0].next()
+    first = session.ask(request, sequence=number)
+    _stored(session.ask(change(request), sequence=number), first)
 
-    yield Case(
-        "10.2",
-        "default-written-out",
-        "A field left out and its default are the same content",
-        run("MOVE", lambda r: r.having(partition=0)),
-    )
-    yield Case(
-        "10.2",
-        "order-of-fields",
-        "Fields in another order are the same content",
-        run("COMMIT", lambda r: Request(r.kind, dict(reversed(r.fields.items())))),
-    )
-    nowhere = {"process": 2**62, "descriptor": 3, "key": bytes(16)}
-    yield Case(
-        "10.2",
-        "limit-of-computing-is-no-content",
-        "A repeat that allows another time of computing is the same request",
-        run("MOVE", lambda r: r.having(compute_limit_ms=10**9)),
-    )
-    yield Case(
-        "22.7",
-        "memory-is-no-content",
-        "A repeat that offers memory is the same request; memory that cannot be used is no error",
-        run("MOVE", lambda r: r.having(memory=nowhere)),
-    )
+
+@suite("10.2")
+def default_written_out(stage: Stage) -> None:
+    """A field left out and its default are the same content."""
+    _same(stage, "MOVE", lambda request: request.having(partition=0))
+
+
+@suite("10.2")
+def order_of_fields(stage: Stage) -> None:
+    """Fields in another order are the same content."""
+    _same(stage, "COMMIT", lambda request: Request(request.kind, dict(reversed(request.fields.items()))))
+
+
+@suite("10.2")
+def limit_of_computing_is_no_content(stage: Stage) -> None:
+    """A repeat that allows another time of computing is the same request."""
+    _same(stage, "MOVE", lambda request: request.having(compute_limit_ms=10**9))
+
+
+@suite("22.7")
+def memory_is_no_content(stage: Stage) -> None:
+    """A repeat that offers memory is the same request; memory that cannot be used is no error."""
+    _same(stage, "MOVE", lambda request: request.having(memory={"process": 2**62, "descriptor": 3, "key": bytes(16)}))
 
 
 @suite("10.2")
@@ -219,33 +181,30 @@ def ids_of_two_clients(stage: Stage) -> None:
         raise Unmet("iteration 2", show(reply))
 
 
-@suite("10.4")
-def COMMIT_repeated_to_a_restarted_worker(stage: Stage) -> None:
-    """The replies to COMMITs are durable: after the worker's end the repeat gets the reply."""
-    session = stage.session("TRIAL", "closing")
+def _after_the_worker(session: Session, kind: str) -> tuple[Message, Message]:
+    """The reply to a request, and the reply to its repeat after the end of the worker and a RESUME."""
     client, number = session.lines[0].client, session.lines[0].next()
-    request = session.request("COMMIT")
-    first = answered(session.ask(request, sequence=number), "COMMITTED")
+    request = session.request(kind)
+    first = session.ask(request, sequence=number)
     session.do("CLOSE")
     session.resume()
     session.join()
-    again = session.ask(request.having(epoch=session.epoch), sequence=number, client=client)
-    if answered(again, "COMMITTED").fields != first.fields:
+    return first, session.ask(request.having(epoch=session.epoch), sequence=number, client=client)
+
+
+@suite("10.4")
+def COMMIT_repeated_to_a_restarted_worker(stage: Stage) -> None:
+    """The replies to COMMITs are durable: after the worker's end the repeat gets the reply."""
+    first, again = _after_the_worker(stage.session("TRIAL", "closing"), "COMMIT")
+    if answered(again, "COMMITTED").fields != answered(first, "COMMITTED").fields:
         raise Unmet(f"the reply that was lost, {show(first)}", show(again))
 
 
 @suite("10.4")
 def MOVE_repeated_to_a_restarted_worker(stage: Stage) -> None:
     """A MOVE that is repeated to a restarted worker is computed again, with the same result."""
-    session = stage.session("READY", "closing")
-    client, number = session.lines[0].client, session.lines[0].next()
-    request = session.request("MOVE")
-    first = answered(session.ask(request, sequence=number), "MOVED")
-    session.do("CLOSE")
-    session.resume()
-    session.join()
-    again = answered(session.ask(request.having(epoch=session.epoch), sequence=number, client=client), "MOVED")
-    if again.frames[1:] != first.frames[1:]:
+    first, again = _after_the_worker(stage.session("READY", "closing"), "MOVE")
+    if answered(again, "MOVED").frames[1:] != answered(first, "MOVED").frames[1:]:
         raise Unmet("the same arrays, bitwise", show(again))
 
 
@@ -292,27 +251,14 @@ def repeat_of_OPEN(stage: Stage) -> None:
         session.discard()
 
 
-@suite.family
-def again() -> Iterator[Case]:
-    """10.7"""
-
-    def run(kind: str) -> Callable[[Stage], None]:
-        def repeated(stage: Stage) -> None:
-            session = stage.session("READY")
-            number = session.lines[0].next()
-            session.ask(kind, sequence=number)
-            before = session.ask("STATUS", sequence=number).fields["state"]
-            answered(session.ask("MOVE", sequence=number), "MOVED")
-            after = session.ask("STATUS", sequence=number).fields["state"]
-            if (before, after) != ("READY", "TRIAL"):
-                raise Unmet("STATUS of the moment, READY and then TRIAL", f"{before}, {after}")
-
-        return repeated
-
-    for kind in ("PING", "JOIN", "FETCH", "STATUS"):
-        yield Case(
-            "10.7",
-            f"{kind}-is-answered-again",
-            "A repeat of a request that changes nothing is answered again",
-            run(kind),
-        )
+@suite("10.7", {f"{kind}-is-answered-again": (kind,) for kind in ("PING", "JOIN", "FETCH", "STATUS")})
+def again(stage: Stage, kind: str) -> None:
+    """A repeat of a request that changes nothing is answered again."""
+    session = stage.session("READY")
+    number = session.lines[0].next()
+    session.ask(kind, sequence=number)
+    before = session.ask("STATUS", sequence=number).fields["state"]
+    answered(session.ask("MOVE", sequence=number), "MOVED")
+    after = session.ask("STATUS", sequence=number).fields["state"]
+    if (before, after) != ("READY", "TRIAL"):
+        raise Unmet("STATUS of the moment, READY and then TRIAL", f"{before}, {after}")

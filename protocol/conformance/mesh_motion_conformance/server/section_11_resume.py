@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
 from typing import Any
 
-from mesh_motion_conformance.case import Case, Suite, Unmet
+from mesh_motion_conformance.case import Suite, Unmet
 from mesh_motion_conformance.checks import answered, refused
 from mesh_motion_conformance.server.requests import Request
 from mesh_motion_conformance.server.session import Session
@@ -95,29 +94,15 @@ def RESUME_raises_the_epoch(stage: Stage) -> None:
     session.join()
 
 
-@suite.family
-def fenced() -> Iterator[Case]:
-    """11.3"""
-
-    def run(kind: str) -> Callable[[Stage], None]:
-        def older(stage: Stage) -> None:
-            session = stage.session("READY")
-            old, request = session.lines[0], session.request(kind)
-            session.resume()
-            refused(stage.ask(request, old), "ABORTED.FENCED", state="READY")
-            session.join()
-            refused(session.ask(request), "ABORTED.FENCED", state="READY")
-
-        return older
-
-    for kind in tables().data:
-        if kind != "PING":
-            yield Case(
-                "11.3",
-                f"{kind}-of-an-older-epoch",
-                "Requests with an older epoch are answered ABORTED.FENCED",
-                run(kind),
-            )
+@suite("11.3", lambda: {f"{kind}-of-an-older-epoch": (kind,) for kind in tables().data if kind != "PING"})
+def fenced(stage: Stage, kind: str) -> None:
+    """Requests with an older epoch are answered ABORTED.FENCED."""
+    session = stage.session("READY")
+    old, request = session.lines[0], session.request(kind)
+    session.resume()
+    refused(stage.ask(request, old), "ABORTED.FENCED", state="READY")
+    session.join()
+    refused(session.ask(request), "ABORTED.FENCED", state="READY")
 
 
 @suite("11.3")
@@ -170,35 +155,23 @@ def discarded_session_is_gone(stage: Stage) -> None:
     refused(stage.ask(session.request("RESUME")), "NOT_FOUND", state="")
 
 
-@suite.family
-def strangers() -> Iterator[Case]:
-    """11.8"""
+_WRONG: dict[str, dict[str, Any]] = {
+    "wrong-token": {"token": bytes(32)},
+    "unknown-session": {"session": "f" * 32},
+    "empty-session": {"session": ""},
+    "path-as-session": {"session": "../../../etc"},
+    "session-in-capitals": {"session": "F" * 32},
+}
 
-    def run(kind: str, **wrong: Any) -> Callable[[Stage], None]:
-        def stranger(stage: Stage) -> None:
-            session = stage.session("READY")
-            reply = refused(stage.ask(session.request(kind).having(**wrong)), "NOT_FOUND", state="")
-            other = refused(stage.ask(session.request(kind).having(session="f" * 32, token=bytes(32))), "NOT_FOUND")
-            if set(reply.fields["details"]) != set(other.fields["details"]):
-                raise Unmet("details alike for a wrong token and for no session", show(reply))
 
-        return stranger
-
-    wrongs: dict[str, dict[str, Any]] = {
-        "wrong-token": {"token": bytes(32)},
-        "unknown-session": {"session": "f" * 32},
-        "empty-session": {"session": ""},
-        "path-as-session": {"session": "../../../etc"},
-        "session-in-capitals": {"session": "F" * 32},
-    }
-    for kind in ("RESUME", "PROBE"):
-        for name, wrong in wrongs.items():
-            yield Case(
-                "11.8",
-                f"{kind}-{name}",
-                "A session or token that does not exist is answered NOT_FOUND, alike",
-                run(kind, **wrong),
-            )
+@suite("11.8", {f"{kind}-{name}": (kind, wrong) for kind in ("RESUME", "PROBE") for name, wrong in _WRONG.items()})
+def strangers(stage: Stage, kind: str, wrong: dict[str, Any]) -> None:
+    """A session or token that does not exist is answered NOT_FOUND, alike."""
+    session = stage.session("READY")
+    reply = refused(stage.ask(session.request(kind).having(**wrong)), "NOT_FOUND", state="")
+    other = refused(stage.ask(session.request(kind).having(session="f" * 32, token=bytes(32))), "NOT_FOUND")
+    if set(reply.fields["details"]) != set(other.fields["details"]):
+        raise Unmet("details alike for a wrong token and for no session", show(reply))
 
 
 @suite("11.8")
@@ -211,22 +184,11 @@ def JOIN_with_a_wrong_token(stage: Stage) -> None:
     answered(session.ask("STATUS"), "STATUS_REPORT")
 
 
-@suite.family
-def other_sessions() -> Iterator[Case]:
-    """11.8 at a data endpoint"""
-
-    def run(kind: str, name: str) -> Callable[[Stage], None]:
-        def elsewhere(stage: Stage) -> None:
-            session = stage.session("READY")
-            refused(session.ask(session.request(kind).having(session=name)), "NOT_FOUND", state="READY")
-
-        return elsewhere
-
-    for kind in tables().data:
-        if kind != "PING":
-            yield Case(
-                "11.8", f"{kind}-of-another-session", "A data endpoint knows its own session only", run(kind, "f" * 32)
-            )
+@suite("11.8", lambda: {f"{kind}-of-another-session": (kind,) for kind in tables().data if kind != "PING"})
+def other_sessions(stage: Stage, kind: str) -> None:
+    """A data endpoint knows its own session only."""
+    session = stage.session("READY")
+    refused(session.ask(session.request(kind).having(session="f" * 32)), "NOT_FOUND", state="READY")
 
 
 @suite("11.8")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from mesh_motion_conformance.case import Case, Suite, Unmet
+from mesh_motion_conformance.case import Case, Rows, Suite, Unmet
 from mesh_motion_conformance.checks import answered, refused
 from mesh_motion_conformance.server.requests import Request
 from mesh_motion_conformance.server.stage import Stage
@@ -143,45 +143,39 @@ def unknown() -> Iterator[Case]:
             yield _wrong(kind, name, "A request has no other fields", _with(field, 1), _HEADER)
 
 
-@suite.family
-def left_out() -> Iterator[Case]:
-    """A field with a default may be left out, or be sent with its default."""
-
-    def run(kind: str, field: Field, written: bool) -> Callable[[Stage], None]:
-        def taken(stage: Stage) -> None:
-            request, line = _request(stage, kind)
-            request = request.having(**{field.name: field.says["default"]}) if written else request.without(field.name)
-            reply = stage.ask(request, line)
-            if kind == "UPLOAD" and field.name in ("name", "role"):  # a patch has both
-                refused(reply, "INVALID_ARGUMENT.VALUE", state="OPENING")
-            else:
-                answered(reply, tables().requests[kind]["reply"])
-
-        return taken
-
-    for kind in tables().requests:
-        for field in tables().fields(kind):
-            if not field.required and kind not in ("OPEN", "BUILD", "CLOSE"):
-                for written in (False, True) if "default" in field.says else (False,):
-                    name = f"{field.name}-{'as-its-default' if written else 'left-out'}"
-                    yield Case("12", f"{kind}-{name}", f"{kind}.{field.name} has a default", run(kind, field, written))
+def _defaults() -> Rows:
+    """The fields with a default, left out and sent as their default."""
+    return {
+        f"{kind}-{field.name}-{'as-its-default' if written else 'left-out'}": (kind, field.name, field, written)
+        for kind in tables().requests
+        for field in tables().fields(kind)
+        if not field.required and kind not in ("OPEN", "BUILD", "CLOSE")
+        for written in ((False, True) if "default" in field.says else (False,))
+    }
 
 
-@suite.family
-def replies() -> Iterator[Case]:
-    """Each reply has its fields and arrays, of their types; every case checks this, here by name for each message."""
+@suite("12", _defaults)
+def left_out(stage: Stage, kind: str, name: str, field: Field, written: bool) -> None:
+    """{0}.{1} has a default."""
+    request, line = _request(stage, kind)
+    request = request.having(**{name: field.says["default"]}) if written else request.without(name)
+    reply = stage.ask(request, line)
+    if kind == "UPLOAD" and name in ("name", "role"):  # a patch has both
+        refused(reply, "INVALID_ARGUMENT.VALUE", state="OPENING")
+    else:
+        answered(reply, tables().requests[kind]["reply"])
 
-    def run(kind: str) -> Callable[[Stage], None]:
-        def replied(stage: Stage) -> None:
-            request, line = _request(stage, kind)
-            answered(stage.ask(request, line), tables().requests[kind]["reply"])
 
-        return replied
+def _replies() -> Rows:
+    once = {kind: row["reply"] for kind, row in tables().requests.items() if kind not in ("OPEN", "BUILD", "CLOSE")}
+    return {reply: (kind, reply) for kind, reply in once.items()}
 
-    for kind in tables().requests:
-        if kind not in ("OPEN", "BUILD", "CLOSE"):
-            reply = tables().requests[kind]["reply"]
-            yield Case("12", reply, f"{kind} is answered by {reply} with all its fields", run(kind))
+
+@suite("12", _replies)
+def replies(stage: Stage, kind: str, reply: str) -> None:
+    """{0} is answered by {1} with all its fields."""
+    request, line = _request(stage, kind)
+    answered(stage.ask(request, line), reply)
 
 
 @suite("12")

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
 
-from mesh_motion_conformance.case import Case, Suite, Unmet
+from mesh_motion_conformance.case import Suite, Unmet
 from mesh_motion_conformance.checks import answered, refused
 from mesh_motion_conformance.server.mesh import SQUARE, Part, Side
 from mesh_motion_conformance.server.requests import Request
@@ -25,51 +24,44 @@ def _upload(session: Session, rows: Any, **fields: str) -> Message:
     return session.ask(Request("UPLOAD", session.address() | fields, {"rows": np.asarray(rows)}))
 
 
-@suite.family
-def parts() -> Iterator[Case]:
-    """13.2, each row of the table broken in one place"""
+_SHAPE, _DTYPE, _VALUE = (f"INVALID_ARGUMENT.{name}" for name in ("SHAPE", "DTYPE", "VALUE"))
+_ROWS, _THREE, _ONE = np.zeros((2, 2)), np.zeros((2, 3), "<i8"), np.zeros((2, 1), "<i8")
+_ITEM, _IDS = {"item": "nodes"}, {"item": "global_ids"}
+_CELLS, _PATCH = {"item": "cells", "name": "triangle"}, {"item": "patch", "name": "more", "role": "fixed"}
+_BROKEN: dict[str, tuple[str, Any, dict[str, str]]] = {
+    "nodes-of-1-column": (_SHAPE, _ROWS[:, :1], _ITEM),
+    "nodes-of-3-columns": (_SHAPE, np.zeros((2, 3)), _ITEM),
+    "nodes-as-integers": (_DTYPE, _ROWS.astype("<i8"), _ITEM),
+    "nodes-as-narrow-integers": (_DTYPE, _ROWS.astype("<i4"), _ITEM),
+    "nodes-with-a-name": (_VALUE, _ROWS, _ITEM | {"name": "wing"}),
+    "nodes-with-a-role": (_VALUE, _ROWS, _ITEM | {"role": "moving"}),
+    "cells-as-floats": (_DTYPE, _THREE.astype("<f8"), _CELLS),
+    "cells-as-narrow-floats": (_DTYPE, _THREE.astype("<f4"), _CELLS),
+    "cells-of-2-columns": (_SHAPE, _THREE[:, :2], _CELLS),
+    "cells-of-4-columns": (_SHAPE, np.zeros((2, 4), "<i8"), _CELLS),
+    "cells-of-no-type": (_VALUE, _THREE, _CELLS | {"name": ""}),
+    "cells-of-an-unknown-type": (_VALUE, _THREE, _CELLS | {"name": "polygon"}),
+    "cells-of-a-type-in-capitals": (_VALUE, _THREE, _CELLS | {"name": "Triangle"}),
+    "cells-of-3D": (_VALUE, np.zeros((2, 4), "<i8"), _CELLS | {"name": "tetra"}),
+    "cells-of-1D": (_VALUE, np.zeros((2, 2), "<i8"), _CELLS | {"name": "line"}),
+    "cells-with-a-role": (_VALUE, _THREE, _CELLS | {"role": "fixed"}),
+    "patch-as-floats": (_DTYPE, _ONE.astype("<f8"), _PATCH),
+    "patch-of-2-columns": (_SHAPE, np.zeros((2, 2), "<i8"), _PATCH),
+    "patch-of-no-column": (_SHAPE, np.zeros((2, 0), "<i8"), _PATCH),
+    "patch-without-a-name": (_VALUE, _ONE, _PATCH | {"name": ""}),
+    "patch-without-a-role": (_VALUE, _ONE, _PATCH | {"role": ""}),
+    "patch-of-two-roles": (_VALUE, _ONE, _PATCH | {"name": "left", "role": "fixed"}),
+    "global-ids-as-floats": (_DTYPE, _ONE.astype("<f8"), _IDS),
+    "global-ids-of-2-columns": (_SHAPE, np.zeros((2, 2), "<i8"), _IDS),
+    "global-ids-with-a-name": (_VALUE, _ONE, _IDS | {"name": "wing"}),
+    "facets-where-the-server-has-the-cells": (_VALUE, _THREE[:, :2], {"item": "facets", "name": "line"}),
+}
 
-    def run(codes: tuple[str, ...], rows: Any, fields: dict[str, str]) -> Callable[[Stage], None]:
-        def broken(stage: Stage) -> None:
-            refused(_upload(stage.session("OPENING"), rows, **fields), *codes, state="OPENING")
 
-        return broken
-
-    shape, dtype, value = (f"INVALID_ARGUMENT.{name}" for name in ("SHAPE", "DTYPE", "VALUE"))
-    nodes, three, one = np.zeros((2, 2)), np.zeros((2, 3), "<i8"), np.zeros((2, 1), "<i8")
-    item = {"item": "nodes"}
-    cells, patch = {"item": "cells", "name": "triangle"}, {"item": "patch", "name": "more", "role": "fixed"}
-    ids = {"item": "global_ids"}
-    ways: dict[str, tuple[str, Any, dict[str, str]]] = {
-        "nodes-of-1-column": (shape, nodes[:, :1], item),
-        "nodes-of-3-columns": (shape, np.zeros((2, 3)), item),
-        "nodes-as-integers": (dtype, nodes.astype("<i8"), item),
-        "nodes-as-narrow-integers": (dtype, nodes.astype("<i4"), item),
-        "nodes-with-a-name": (value, nodes, item | {"name": "wing"}),
-        "nodes-with-a-role": (value, nodes, item | {"role": "moving"}),
-        "cells-as-floats": (dtype, three.astype("<f8"), cells),
-        "cells-as-narrow-floats": (dtype, three.astype("<f4"), cells),
-        "cells-of-2-columns": (shape, three[:, :2], cells),
-        "cells-of-4-columns": (shape, np.zeros((2, 4), "<i8"), cells),
-        "cells-of-no-type": (value, three, cells | {"name": ""}),
-        "cells-of-an-unknown-type": (value, three, cells | {"name": "polygon"}),
-        "cells-of-a-type-in-capitals": (value, three, cells | {"name": "Triangle"}),
-        "cells-of-3D": (value, np.zeros((2, 4), "<i8"), cells | {"name": "tetra"}),
-        "cells-of-1D": (value, np.zeros((2, 2), "<i8"), cells | {"name": "line"}),
-        "cells-with-a-role": (value, three, cells | {"role": "fixed"}),
-        "patch-as-floats": (dtype, one.astype("<f8"), patch),
-        "patch-of-2-columns": (shape, np.zeros((2, 2), "<i8"), patch),
-        "patch-of-no-column": (shape, np.zeros((2, 0), "<i8"), patch),
-        "patch-without-a-name": (value, one, patch | {"name": ""}),
-        "patch-without-a-role": (value, one, patch | {"role": ""}),
-        "patch-of-two-roles": (value, one, patch | {"name": "left", "role": "fixed"}),
-        "global-ids-as-floats": (dtype, one.astype("<f8"), ids),
-        "global-ids-of-2-columns": (shape, np.zeros((2, 2), "<i8"), ids),
-        "global-ids-with-a-name": (value, one, ids | {"name": "wing"}),
-        "facets-where-the-server-has-the-cells": (value, three[:, :2], {"item": "facets", "name": "line"}),
-    }
-    for name, (code, rows, fields) in ways.items():
-        yield Case("13.2", name, "rows, name and role are those of the item's row", run((code,), rows, fields))
+@suite("13.2", _BROKEN)
+def parts(stage: Stage, code: str, rows: Any, fields: dict[str, str]) -> None:
+    """rows, name and role are those of the item's row."""
+    refused(_upload(stage.session("OPENING"), rows, **fields), code, state="OPENING")
 
 
 @suite("13.2")
@@ -106,78 +98,63 @@ def what_a_mesh_needs(stage: Stage) -> None:
         session.discard()
 
 
-@suite.family
-def bad_meshes() -> Iterator[Case]:
-    """13.1, 13.3"""
+def _bad(stage: Stage, part: Part, code: str) -> None:
+    """A mesh of this part is refused with the code, and details."""
+    session = stage.open(part)
+    try:
+        session.upload()
+        reply = refused(session.ask("BUILD"), code, state="OPENING")
+    finally:
+        session.discard()
+    if not reply.fields["details"]:
+        raise Unmet("details that name the first offender", show(reply))
 
-    def run(part: Part, *codes: str) -> Callable[[Stage], None]:
-        def bad(stage: Stage) -> None:
-            session = stage.open(part)
-            try:
-                session.upload()
-                reply = refused(session.ask("BUILD"), *codes, state="OPENING")
-            finally:
-                session.discard()
-            if not reply.fields["details"]:
-                raise Unmet("details that name the first offender", show(reply))
 
-        return bad
-
+@suite("13.3")
+def inverted_cell(stage: Stage) -> None:
+    """A mesh with a cell that lies over another one is refused."""
     folded = SQUARE.points.copy()
     folded[5, 0] = -0.05
-    yield Case(
-        "13.3",
-        "inverted-cell",
-        "a mesh with a cell that lies over another one is refused",
-        run(Part(folded, SQUARE.triangles, SQUARE.sides), "INVALID_ARGUMENT.MESH_DEGENERATE"),
-    )
+    _bad(stage, Part(folded, SQUARE.triangles, SQUARE.sides), "INVALID_ARGUMENT.MESH_DEGENERATE")
+
+
+@suite("13.1")
+def cell_of_a_node_that_is_not_there(stage: Stage) -> None:
+    """Cells refer to local indices, counted from 0."""
     beyond = SQUARE.triangles.copy()
     beyond[5, 1] = 16
-    yield Case(
-        "13.1",
-        "cell-of-a-node-that-is-not-there",
-        "cells refer to local indices, counted from 0",
-        run(Part(SQUARE.points, beyond, SQUARE.sides), "INVALID_ARGUMENT"),
-    )
+    _bad(stage, Part(SQUARE.points, beyond, SQUARE.sides), "INVALID_ARGUMENT")
+
+
+@suite("13.1")
+def patch_of_a_negative_node(stage: Stage) -> None:
+    """Patches refer to local indices, counted from 0."""
     sides = SQUARE.sides | {"far": Side("fixed", (-1,))}
-    yield Case(
-        "13.1",
-        "patch-of-a-negative-node",
-        "patches refer to local indices, counted from 0",
-        run(Part(SQUARE.points, SQUARE.triangles, sides), "INVALID_ARGUMENT"),
-    )
+    _bad(stage, Part(SQUARE.points, SQUARE.triangles, sides), "INVALID_ARGUMENT")
 
 
-@suite.family
-def usable_meshes() -> Iterator[Case]:
-    """13.3"""
+def _usable(stage: Stage, part: Part) -> None:
+    session = stage.open(part)
+    try:
+        session.upload()
+        session.do("BUILD")
+    finally:
+        session.discard()
 
-    def run(part: Part) -> Callable[[Stage], None]:
-        def usable(stage: Stage) -> None:
-            session = stage.open(part)
-            try:
-                session.upload()
-                session.do("BUILD")
-            finally:
-                session.discard()
 
-        return usable
-
+@suite("13.3")
+def mirrored_cell(stage: Stage) -> None:
+    """A cell that is listed the other way round is read as its mirror image."""
     triangles = SQUARE.triangles.copy()
     triangles[5] = triangles[5][[0, 2, 1]]
-    yield Case(
-        "13.3",
-        "mirrored-cell",
-        "A cell that is listed the other way round is read as its mirror image",
-        run(Part(SQUARE.points, triangles, SQUARE.sides)),
-    )
+    _usable(stage, Part(SQUARE.points, triangles, SQUARE.sides))
+
+
+@suite("13.3")
+def nodes_at_one_place(stage: Stage) -> None:
+    """Boundary nodes at the same place are interpolated as one node."""
     sides = SQUARE.sides | {"left": Side("moving", (0, 4, 8, 12, 16))}
-    yield Case(
-        "13.3",
-        "nodes-at-one-place",
-        "Boundary nodes at the same place are interpolated as one node",
-        run(Part(np.vstack([SQUARE.points, SQUARE.points[0]]), SQUARE.triangles, sides)),
-    )
+    _usable(stage, Part(np.vstack([SQUARE.points, SQUARE.points[0]]), SQUARE.triangles, sides))
 
 
 @suite("13.5")

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any
 
-from mesh_motion_conformance.case import Case, Suite, Unmet
+from mesh_motion_conformance.case import Case, Rows, Suite, Unmet
 from mesh_motion_conformance.checks import refused
 from mesh_motion_conformance.server.requests import Request
 from mesh_motion_conformance.server.stage import Stage
@@ -77,30 +77,38 @@ def _in_force(stage: Stage) -> dict[str, Any]:
     return session.built.fields["settings"] if session.built else {}
 
 
-@suite.family
-def in_force() -> Iterator[Case]:
-    """BUILT's settings are the effective ones, including defaults."""
+def _has(stage: Stage, key: str, wanted: Any) -> None:
+    found = _in_force(stage)
+    if key not in found:
+        raise Unmet(f"{key} in BUILT's settings", str(sorted(found)))
+    if wanted is not None and found[key] != wanted:
+        raise Unmet(f"{key} = {wanted!r}", repr(found[key]))
 
-    def run(key: str, wanted: Any) -> Callable[[Stage], None]:
-        def check(stage: Stage) -> None:
-            found = _in_force(stage)
-            if key not in found:
-                raise Unmet(f"{key} in BUILT's settings", str(sorted(found)))
-            if wanted is not None and found[key] != wanted:
-                raise Unmet(f"{key} = {wanted!r}", repr(found[key]))
 
-        return check
-
+def _effective() -> Rows:
     given = {"support_radius": 1.0, "enrichment_radius": 0.5, "quality_threshold": 0.25}
-    for key, row in tables().settings.items():
-        yield Case(
-            "14",
-            f"{key}-in-BUILT",
-            "BUILT's settings are those in force, defaults filled in",
-            run(key, given.get(key, row["default"])),
-        )
-    yield Case(
-        "4.5", "integer-for-a-float", "Where a float is asked for, an integer is admitted", run("support_radius", 1.0)
-    )
-    yield Case("4.5", "float-of-64-bits", "Floats are of 32 or 64 bits", run("quality_threshold", 0.25))
-    yield Case("4.7", "nil-inside-a-map", "nil is admitted inside fields of type map", run("displacement", None))
+    return {f"{key}-in-BUILT": (key, given.get(key, row["default"])) for key, row in tables().settings.items()}
+
+
+@suite("14", _effective)
+def in_force(stage: Stage, key: str, wanted: Any) -> None:
+    """BUILT's settings are those in force, defaults filled in."""
+    _has(stage, key, wanted)
+
+
+@suite("4.5")
+def integer_for_a_float(stage: Stage) -> None:
+    """Where a float is asked for, an integer is admitted."""
+    _has(stage, "support_radius", 1.0)
+
+
+@suite("4.5")
+def float_of_64_bits(stage: Stage) -> None:
+    """Floats are of 32 or 64 bits."""
+    _has(stage, "quality_threshold", 0.25)
+
+
+@suite("4.7")
+def nil_inside_a_map(stage: Stage) -> None:
+    """nil is admitted inside fields of type map."""
+    _has(stage, "displacement", None)

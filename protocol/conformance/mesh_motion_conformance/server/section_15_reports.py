@@ -231,32 +231,29 @@ def digest(step: int, points: Array) -> bytes:
     return hashlib.sha256(text).digest()
 
 
-@suite.family
-def digests() -> Iterator[Case]:
-    """16"""
+_MOVES = {
+    "one-move": ([0.01], False),
+    "last-of-three-moves": ([0.01, 0.02, 0.005], False),
+    "after-a-rollback": ([-0.01], True),
+    "no-motion": ([0.0], False),
+}
 
-    def run(moves: list[float], drop: bool) -> Callable[[Stage], None]:
-        def recomputed(stage: Stage) -> None:
-            session = stage.session("READY")
-            if drop:
-                session.do("MOVE")
-                session.do("ROLLBACK")
-            for size in moves:
-                session.do(session.request("MOVE").carrying(displacement=session.rows(size=size)))
-            committed = session.do("COMMIT").fields
-            wanted = digest(session.step, session.do("FETCH").arrays["points"])
-            if committed["digest"] != wanted:
-                raise Unmet(f"digest {wanted.hex()}", committed["digest"].hex())
-            if committed["durable_step"] > committed["step"]:
-                raise Unmet("durable_step ≤ step", str(committed["durable_step"]))
 
-        return recomputed
-
-    demand = "The digest is SHA-256 over the prefix, step, n, d and the committed coordinates"
-    yield Case("16", "one-move", demand, run([0.01], False))
-    yield Case("16", "last-of-three-moves", demand, run([0.01, 0.02, 0.005], False))
-    yield Case("16", "after-a-rollback", demand, run([-0.01], True))
-    yield Case("16", "no-motion", demand, run([0.0], False))
+@suite("16", _MOVES)
+def digests(stage: Stage, moves: list[float], drop: bool) -> None:
+    """The digest is SHA-256 over the prefix, step, n, d and the committed coordinates."""
+    session = stage.session("READY")
+    if drop:
+        session.do("MOVE")
+        session.do("ROLLBACK")
+    for size in moves:
+        session.do(session.request("MOVE").carrying(displacement=session.rows(size=size)))
+    committed = session.do("COMMIT").fields
+    wanted = digest(session.step, session.do("FETCH").arrays["points"])
+    if committed["digest"] != wanted:
+        raise Unmet(f"digest {wanted.hex()}", committed["digest"].hex())
+    if committed["durable_step"] > committed["step"]:
+        raise Unmet("durable_step ≤ step", str(committed["durable_step"]))
 
 
 @suite("16")

@@ -2,133 +2,107 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
-from mesh_motion_conformance.case import Case, Suite, Unmet
+from mesh_motion_conformance.case import Rows, Suite, Unmet
 from mesh_motion_conformance.checks import answered, check_identity, refused
+from mesh_motion_conformance.line import Line
 from mesh_motion_conformance.server.requests import Request
 from mesh_motion_conformance.server.session import Session
 from mesh_motion_conformance.server.stage import Stage
 from mesh_motion_conformance.show import show
 from mesh_motion_conformance.tables import tables
+from mesh_motion_conformance.wire import Message
 
 __all__ = ["suite"]
 
 suite = Suite()
 
 
-@suite.family
-def codes() -> Iterator[Case]:
-    """17: one request for each code that a single request can cause, and all required fields of its ERROR."""
-
-    def at_session(state: str, make: Callable[[Session], Request], code: str) -> Callable[[Stage], None]:
-        def run(stage: Stage) -> None:
-            session = stage.session(state)
-            reply = refused(session.ask(make(session)), code, state=state)
-            given = {key: value for key, value in reply.fields.items() if key in ("code", "retryable", "state")}
-            if given != {"code": code, "retryable": tables().errors[code]["retryable"], "state": state}:
-                raise Unmet(f"code {code}, retryable and state as in the table", show(reply))
-
-        return run
-
-    ways: dict[str, tuple[str, Callable[[Session], Request]]] = {
-        "INVALID_ARGUMENT.HEADER": ("READY", lambda s: s.request("STATUS").having(x=1)),
-        "INVALID_ARGUMENT.VALUE": ("READY", lambda s: s.request("FETCH").having(what="trial")),
-        "INVALID_ARGUMENT.DTYPE": ("READY", lambda s: s.request("MOVE").carrying(displacement=s.rows().astype("<i8"))),
-        "INVALID_ARGUMENT.SHAPE": ("READY", lambda s: s.request("MOVE").carrying(displacement=s.rows()[:2])),
-        "INVALID_ARGUMENT.NONFINITE": (
-            "READY",
-            lambda s: s.request("MOVE").carrying(displacement=s.rows() * float("nan")),
-        ),
-        "FAILED_PRECONDITION.STATE": ("READY", lambda s: s.request("BUILD")),
-        "FAILED_PRECONDITION.STEP": ("READY", lambda s: s.request("MOVE").having(step=s.step)),
-        "FAILED_PRECONDITION.QUALITY": ("READY", lambda s: s.request("MOVE").carrying(displacement=s.rows(size=50.0))),
-        "ABORTED.FENCED": ("READY", lambda s: s.request("STATUS").having(epoch=0)),
-        "NOT_FOUND": ("READY", lambda s: s.request("STATUS").having(session="0" * 32)),
-        "UNIMPLEMENTED.MESSAGE": ("READY", lambda _: Request("LIST")),
-    }
-    for code, (state, make) in ways.items():
-        yield Case("17", code, "code, message, hint, retryable, state and details", at_session(state, make, code))
+#: One request for each code that a single request can cause.
+_CODES: dict[str, Callable[[Session], Request]] = {
+    "INVALID_ARGUMENT.HEADER": lambda s: s.request("STATUS").having(x=1),
+    "INVALID_ARGUMENT.VALUE": lambda s: s.request("FETCH").having(what="trial"),
+    "INVALID_ARGUMENT.DTYPE": lambda s: s.request("MOVE").carrying(displacement=s.rows().astype("<i8")),
+    "INVALID_ARGUMENT.SHAPE": lambda s: s.request("MOVE").carrying(displacement=s.rows()[:2]),
+    "INVALID_ARGUMENT.NONFINITE": lambda s: s.request("MOVE").carrying(displacement=s.rows() * float("nan")),
+    "FAILED_PRECONDITION.STATE": lambda s: s.request("BUILD"),
+    "FAILED_PRECONDITION.STEP": lambda s: s.request("MOVE").having(step=s.step),
+    "FAILED_PRECONDITION.QUALITY": lambda s: s.request("MOVE").carrying(displacement=s.rows(size=50.0)),
+    "ABORTED.FENCED": lambda s: s.request("STATUS").having(epoch=0),
+    "NOT_FOUND": lambda s: s.request("STATUS").having(session="0" * 32),
+    "UNIMPLEMENTED.MESSAGE": lambda _: Request("LIST"),
+}
 
 
-@suite.family
-def replies_as_requests() -> Iterator[Case]:
-    """12: replies are no requests"""
+@suite("17", {code: (code, make) for code, make in _CODES.items()})
+def codes(stage: Stage, code: str, make: Callable[[Session], Request]) -> None:
+    """code, message, hint, retryable, state and details."""
+    session = stage.session("READY")
+    reply = refused(session.ask(make(session)), code, state="READY")
+    given = {key: value for key, value in reply.fields.items() if key in ("code", "retryable", "state")}
+    if given != {"code": code, "retryable": tables().errors[code]["retryable"], "state": "READY"}:
+        raise Unmet(f"code {code}, retryable and state as in the table", show(reply))
 
-    def run(kind: str, at_data: bool) -> Callable[[Stage], None]:
-        def answered_by_error(stage: Stage) -> None:
-            line = stage.session("READY").lines[0] if at_data else stage.control
-            refused(stage.ask(Request(kind, {}), line), "UNIMPLEMENTED.MESSAGE", "INVALID_ARGUMENT.HEADER")
 
-        return answered_by_error
+def _line(stage: Stage, place: str) -> Line:
+    """A connection to the data endpoint or to the control endpoint."""
+    return stage.session("READY").lines[0] if place == "data" else stage.control
 
-    for kind in tables().messages:
-        if kind not in tables().requests:
-            for at_data in (False, True):
-                place = "data" if at_data else "control"
-                yield Case("12", f"{kind}-at-{place}", "A reply is no request, and is refused", run(kind, at_data))
+
+def _replies() -> Rows:
+    kinds = [kind for kind in tables().messages if kind not in tables().requests]
+    return {f"{kind}-at-{place}": (kind, place) for kind in kinds for place in ("control", "data")}
+
+
+@suite("12", _replies)
+def replies_as_requests(stage: Stage, kind: str, place: str) -> None:
+    """A reply is no request, and is refused."""
+    reply = stage.ask(Request(kind, {}), _line(stage, place))
+    refused(reply, "UNIMPLEMENTED.MESSAGE", "INVALID_ARGUMENT.HEADER")
 
 
 # --- 18 --------------------------------------------------------------------------------------------------------------
 
 
-@suite.family
-def choice_of_a_version() -> Iterator[Case]:
-    """18.1"""
-
-    def run(versions: Any, wanted: list[int] | None) -> Callable[[Stage], None]:
-        def chosen(stage: Stage) -> None:
-            reply = stage.ask(Request("HELLO", {} if versions is None else {"versions": versions}))
-            if wanted is None:
-                details = refused(reply, "UNIMPLEMENTED.VERSION").fields["details"]
-                if [1, 0] not in details.get("versions", []):
-                    raise Unmet("our versions in details.versions", show(reply))
-            elif answered(reply, "WELCOME").fields["version"] != wanted:
-                raise Unmet(f"version {wanted}", show(reply))
-
-        return chosen
-
-    ways: dict[str, tuple[Any, list[int] | None]] = {
-        "no-versions-named": (None, [1, 0]),
-        "ours": ([[1, 0]], [1, 0]),
-        "a-later-minor": ([[1, 7]], [1, 0]),
-        "later-and-ours": ([[1, 7], [1, 0]], [1, 0]),
-        "another-major-first": ([[2, 0], [1, 0]], [1, 0]),
-        "another-major-last": ([[1, 0], [2, 3]], [1, 0]),
-        "only-another-major": ([[2, 0]], None),
-        "major-0": ([[0, 9]], None),
-        "an-empty-list": ([], None),
-        "an-empty-version": ([[]], None),
-        "a-major-alone": ([[1]], None),
-        "three-numbers": ([[1, 0, 0]], None),
-    }
-    demand = "WELCOME chooses the same major version and the lower minor; else UNIMPLEMENTED.VERSION names ours"
-    for name, (versions, wanted) in ways.items():
-        yield Case("18.1", name, demand, run(versions, wanted))
+def _names_ours(reply: Message) -> None:
+    details = refused(reply, "UNIMPLEMENTED.VERSION").fields["details"]
+    if [1, 0] not in details.get("versions", []):
+        raise Unmet("our versions in details.versions", show(reply))
 
 
-@suite.family
-def other_headers() -> Iterator[Case]:
-    """18.1: the version in the header"""
+_OFFERS: dict[str, tuple[Any, list[int] | None]] = {
+    "no-versions-named": (None, [1, 0]),
+    "ours": ([[1, 0]], [1, 0]),
+    "a-later-minor": ([[1, 7]], [1, 0]),
+    "later-and-ours": ([[1, 7], [1, 0]], [1, 0]),
+    "another-major-first": ([[2, 0], [1, 0]], [1, 0]),
+    "another-major-last": ([[1, 0], [2, 3]], [1, 0]),
+    "only-another-major": ([[2, 0]], None),
+    "major-0": ([[0, 9]], None),
+    "an-empty-list": ([], None),
+    "an-empty-version": ([[]], None),
+    "a-major-alone": ([[1]], None),
+    "three-numbers": ([[1, 0, 0]], None),
+}
 
-    def run(at_data: bool) -> Callable[[Stage], None]:
-        def later(stage: Stage) -> None:
-            line = stage.session("READY").lines[0] if at_data else stage.control
-            reply = stage.ask(Request("PING"), line, change=lambda header: header | {"v": 2, "more": 1})
-            details = refused(reply, "UNIMPLEMENTED.VERSION").fields["details"]
-            if [1, 0] not in details.get("versions", []):
-                raise Unmet("our versions in details.versions", show(reply))
 
-        return later
+@suite("18.1", _OFFERS)
+def choice_of_a_version(stage: Stage, versions: Any, wanted: list[int] | None) -> None:
+    """WELCOME chooses the same major version and the lower minor; else UNIMPLEMENTED.VERSION names ours."""
+    reply = stage.ask(Request("HELLO", {} if versions is None else {"versions": versions}))
+    if wanted is None:
+        _names_ours(reply)
+    elif answered(reply, "WELCOME").fields["version"] != wanted:
+        raise Unmet(f"version {wanted}", show(reply))
 
-    for at_data in (False, True):
-        yield Case(
-            "18.1",
-            f"header-of-version-2-at-{'data' if at_data else 'control'}",
-            "A header of another version, whatever its keys, is answered with our versions",
-            run(at_data),
-        )
+
+@suite("18.1", {f"header-of-version-2-at-{place}": (place,) for place in ("control", "data")})
+def other_headers(stage: Stage, place: str) -> None:
+    """A header of another version, whatever its keys, is answered with our versions."""
+    change = {"v": 2, "more": 1}
+    _names_ours(stage.ask(Request("PING"), _line(stage, place), change=lambda header: header | change))
 
 
 @suite("18.3")
@@ -185,23 +159,9 @@ _PING = bytes.fromhex(
 )
 
 
-@suite.family
-def literal_bytes() -> Iterator[Case]:
-    """19"""
-
-    def run(at_data: bool) -> Callable[[Stage], None]:
-        def ping(stage: Stage) -> None:
-            line = stage.session("READY").lines[0] if at_data else stage.line()
-            stage.put(line, [_PING])
-            reply = answered(line.receive(), "PONG")
-            check_identity(reply, bytes(range(16)), 7)
-
-        return ping
-
-    for at_data in (False, True):
-        yield Case(
-            "19",
-            f"PING-byte-by-byte-at-{'data' if at_data else 'control'}",
-            "The 65 bytes of PING are answered by PONG",
-            run(at_data),
-        )
+@suite("19", {f"PING-byte-by-byte-at-{place}": (place,) for place in ("control", "data")})
+def literal_bytes(stage: Stage, place: str) -> None:
+    """The 65 bytes of PING are answered by PONG."""
+    line = stage.session("READY").lines[0] if place == "data" else stage.line()
+    stage.put(line, [_PING])
+    check_identity(answered(line.receive(), "PONG"), bytes(range(16)), 7)

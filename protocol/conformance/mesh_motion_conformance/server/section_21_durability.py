@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from functools import partial
 
 from mesh_motion_conformance.case import Case, Skip, Suite, Unmet
 from mesh_motion_conformance.checks import answered, refused
@@ -125,10 +126,10 @@ _CASES: tuple[tuple[str, str, str, Play], ...] = (
 @suite.family
 def levels() -> Iterator[Case]:
     """21"""
-
-    def run(level: str, play: Play) -> Callable[[Stage], None]:
-        return lambda stage: play(stage, _session(stage, level), level)
-
     for level in _LEVELS:
         for section, name, demand, play in _CASES:
-            yield Case(section, f"{name}-{level}", demand, run(level, play))
+            yield Case(section, f"{name}-{level}", demand, partial(_at_level, play, level))
+
+
+def _at_level(play: Play, level: str, stage: Stage) -> None:
+    play(stage, _session(stage, level), level)

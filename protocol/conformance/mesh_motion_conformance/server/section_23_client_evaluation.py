@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mesh_motion_conformance.case import Case, Suite, Unmet
+from mesh_motion_conformance.case import Suite, Unmet
 from mesh_motion_conformance.checks import answered, refused
 from mesh_motion_conformance.server.mesh import OUTER, SQUARE, WITHOUT_VOLUME, Part, Side, boundary
 from mesh_motion_conformance.server.requests import Request
@@ -26,23 +26,16 @@ suite = Suite()
 _REST = (1, 2, 3, 5, 7, 9, 10, 11)
 
 
-@suite.family
-def settings() -> Iterator[Case]:
-    """OPEN is refused with settings that need the volume."""
-    others = {"displacement": "relative", "correction": "enrichment", "sub_steps": "auto",
-              "reduction": "greedy"}  # fmt: skip
+_OF_THE_VOLUME = {"displacement": "relative", "correction": "enrichment", "sub_steps": "auto", "reduction": "greedy"}
 
-    def run(key: str, value: Any) -> Callable[[Stage], None]:
-        def other(stage: Stage) -> None:
-            fields = {"dimension": 2, "settings": WITHOUT_VOLUME | {key: value}, "evaluation": "client"}
-            reply = refused(stage.ask(Request("OPEN", fields)), "INVALID_ARGUMENT.SETTINGS", state="")
-            if key not in str(reply.fields["details"]) + reply.fields["message"]:
-                raise Unmet(f"an ERROR that names {key}", show(reply))
 
-        return other
-
-    for key, value in others.items():
-        yield Case("23.1", key.replace("_", "-"), f"{key} has to leave the volume alone", run(key, value))
+@suite("23.1", {key.replace("_", "-"): (key, value) for key, value in _OF_THE_VOLUME.items()})
+def settings(stage: Stage, key: str, value: str) -> None:
+    """{0} has to leave the volume alone."""
+    fields = {"dimension": 2, "settings": WITHOUT_VOLUME | {key: value}, "evaluation": "client"}
+    reply = refused(stage.ask(Request("OPEN", fields)), "INVALID_ARGUMENT.SETTINGS", state="")
+    if key not in str(reply.fields["details"]) + reply.fields["message"]:
+        raise Unmet(f"an ERROR that names {key}", show(reply))
 
 
 @suite("23.2")
@@ -55,28 +48,23 @@ def cells_with_nodes(stage: Stage) -> None:
     session.discard()
 
 
-@suite.family
-def facets() -> Iterator[Case]:
-    """23.2"""
-    rows = _outer_facets()
-    shape, value = "INVALID_ARGUMENT.SHAPE", "INVALID_ARGUMENT.VALUE"
-    ways = {
-        "of-3D": (value, "triangle", np.zeros((2, 3), "<i8")),
-        "of-1-column": (shape, "line", rows[:, :1]),
-        "as-floats": ("INVALID_ARGUMENT.DTYPE", "line", rows.astype("<f8")),
-    }
+_EDGES = np.zeros((2, 2), "<i8")
 
-    def run(code: str, name: str, wrong: NDArray[Any]) -> Callable[[Stage], None]:
-        def broken(stage: Stage) -> None:
-            session = stage.open(boundary(), settings=WITHOUT_VOLUME, evaluation="client")
-            upload = Request("UPLOAD", session.address() | {"item": "facets", "name": name}, {"rows": wrong})
-            refused(session.ask(upload), code, state="NEW")
-            session.discard()
 
-        return broken
-
-    for name, way in ways.items():
-        yield Case("23.2", f"facets-{name}", "facets are of the mesh's dimension less one", run(*way))
+@suite(
+    "23.2",
+    {
+        "facets-of-3D": ("INVALID_ARGUMENT.VALUE", "triangle", np.zeros((2, 3), "<i8")),
+        "facets-of-1-column": ("INVALID_ARGUMENT.SHAPE", "line", _EDGES[:, :1]),
+        "facets-as-floats": ("INVALID_ARGUMENT.DTYPE", "line", _EDGES.astype("<f8")),
+    },
+)
+def facets(stage: Stage, code: str, name: str, wrong: NDArray[Any]) -> None:
+    """Facets are of the mesh's dimension less one."""
+    session = stage.open(boundary(), settings=WITHOUT_VOLUME, evaluation="client")
+    upload = Request("UPLOAD", session.address() | {"item": "facets", "name": name}, {"rows": wrong})
+    refused(session.ask(upload), code, state="NEW")
+    session.discard()
 
 
 def _outer_facets() -> NDArray[np.int64]:
@@ -153,27 +141,20 @@ def _build_with_cells(session: Session, reach: float, rows: NDArray[np.int64]) -
         raise Unmet("a mesh that is built: its cells are not thin", show(built))
 
 
-@suite.family
-def wrong_near_cells() -> Iterator[Case]:
-    """23.2"""
-    value = "INVALID_ARGUMENT.VALUE"
-    ways = {
-        "of-3D": (value, "tetrahedron", np.zeros((2, 4), "<i8")),
-        "of-2-columns": ("INVALID_ARGUMENT.SHAPE", "triangle", _NEAR[:, :2]),
-        "as-floats": ("INVALID_ARGUMENT.DTYPE", "triangle", _NEAR.astype("<f8")),
-    }
-
-    def run(code: str, name: str, wrong: NDArray[Any]) -> Callable[[Stage], None]:
-        def broken(stage: Stage) -> None:
-            session, reach, _ = _asked_for_cells(stage)
-            refused(_near_cells(session, name, wrong), code, state="OPENING")
-            _build_with_cells(session, reach, _NEAR)
-            session.discard()
-
-        return broken
-
-    for name, way in ways.items():
-        yield Case("23.2", f"near-cells-{name}", "refused cells near a wall can be sent again", run(*way))
+@suite(
+    "23.2",
+    {
+        "near-cells-of-3D": ("INVALID_ARGUMENT.VALUE", "tetrahedron", np.zeros((2, 4), "<i8")),
+        "near-cells-of-2-columns": ("INVALID_ARGUMENT.SHAPE", "triangle", _NEAR[:, :2]),
+        "near-cells-as-floats": ("INVALID_ARGUMENT.DTYPE", "triangle", _NEAR.astype("<f8")),
+    },
+)
+def wrong_near_cells(stage: Stage, code: str, name: str, wrong: NDArray[Any]) -> None:
+    """Refused cells near a wall can be sent again."""
+    session, reach, _ = _asked_for_cells(stage)
+    refused(_near_cells(session, name, wrong), code, state="OPENING")
+    _build_with_cells(session, reach, _NEAR)
+    session.discard()
 
 
 @suite("23.2")
@@ -201,24 +182,24 @@ def near_cells_are_missing(stage: Stage) -> None:
     session.discard()
 
 
-@suite.family
-def wrong_reaches() -> Iterator[Case]:
-    """23.2"""
-    ways = {"negative": -1.0, "of-NaN": np.nan, "infinite": np.inf, "larger-than-asked": 0.5, "smaller": 1e-12}
-
-    def run(wrong: float) -> Callable[[Stage], None]:
-        def broken(stage: Stage) -> None:
-            session, reach, _ = _asked_for_cells(stage)
-            build = Request("BUILD", session.address() | {"reach": wrong})
-            code = "VALUE" if np.isfinite(wrong) else "NONFINITE"
-            refused(session.ask(build), f"INVALID_ARGUMENT.{code}", state="OPENING")
-            _build_with_cells(session, reach, _NEAR)
-            session.discard()
-
-        return broken
-
-    for name, wrong in ways.items():
-        yield Case("23.2", f"reach-{name}", "a reach that no BUILT asked for is refused", run(wrong))
+@suite(
+    "23.2",
+    {
+        "reach-negative": (-1.0,),
+        "reach-of-NaN": (np.nan,),
+        "reach-infinite": (np.inf,),
+        "reach-larger-than-asked": (0.5,),
+        "reach-smaller": (1e-12,),
+    },
+)
+def wrong_reaches(stage: Stage, wrong: float) -> None:
+    """A reach that no BUILT asked for is refused."""
+    session, reach, _ = _asked_for_cells(stage)
+    build = Request("BUILD", session.address() | {"reach": wrong})
+    code = "VALUE" if np.isfinite(wrong) else "NONFINITE"
+    refused(session.ask(build), f"INVALID_ARGUMENT.{code}", state="OPENING")
+    _build_with_cells(session, reach, _NEAR)
+    session.discard()
 
 
 @suite("23.2")
@@ -242,41 +223,27 @@ def nodes_slide(stage: Stage) -> None:
         raise Unmet("displacements along x", str(displacement))
 
 
-@suite.family
-def boundaries() -> Iterator[Case]:
+@suite(
+    "23.3",
+    {
+        "slip-without-facets": (boundary(Side("slip", _REST)),),
+        "nothing-fixed": (boundary(Side("moving", _REST)),),
+        "node-on-no-patch": (boundary(Side("fixed", _REST[:-1])),),
+    },
+)
+def boundaries(stage: Stage, part: Part) -> None:
     """BUILD is refused where the boundary does not determine the motion."""
-    parts = {
-        "slip-without-facets": boundary(Side("slip", _REST)),
-        "nothing-fixed": boundary(Side("moving", _REST)),
-        "node-on-no-patch": boundary(Side("fixed", _REST[:-1])),
-    }
-
-    def run(part: Part) -> Callable[[Stage], None]:
-        def unusable(stage: Stage) -> None:
-            session = stage.open(part, settings=WITHOUT_VOLUME, evaluation="client")
-            session.upload()
-            refused(session.ask("BUILD"), "INVALID_ARGUMENT.MESH", state="OPENING")
-            session.discard()
-
-        return unusable
-
-    for name, part in parts.items():
-        yield Case("23.3", name, "BUILD is refused where the boundary does not determine the motion", run(part))
+    session = stage.open(part, settings=WITHOUT_VOLUME, evaluation="client")
+    session.upload()
+    refused(session.ask("BUILD"), "INVALID_ARGUMENT.MESH", state="OPENING")
+    session.discard()
 
 
-@suite.family
-def moves() -> Iterator[Case]:
-    """frame is "reference", report is empty."""
-
-    def run(**fields: str) -> Callable[[Stage], None]:
-        def other(stage: Stage) -> None:
-            session = stage.judging("READY")
-            refused(session.ask(session.request("MOVE").having(**fields)), "INVALID_ARGUMENT.VALUE", state="READY")
-
-        return other
-
-    yield Case("23.4", "increments", "MOVE's frame is reference", run(frame="committed"))
-    yield Case("23.4", "faces", "MOVE's report is empty", run(report="faces"))
+@suite("23.4", {"increments": ("frame", "committed"), "faces": ("report", "faces")})
+def moves(stage: Stage, field: str, wrong: str) -> None:
+    """MOVE's {0} is not {1}."""
+    session = stage.judging("READY")
+    refused(session.ask(session.request("MOVE").having(**{field: wrong})), "INVALID_ARGUMENT.VALUE", state="READY")
 
 
 def functions(moved: Message, nodes: Sequence[int]) -> NDArray[np.float64]:
