@@ -58,7 +58,7 @@ def test_segments_that_cannot_be_listed_are_not_none(tmp_path: Path, monkeypatch
     def failing(_: Path) -> None:
         raise OSError(errno.ESTALE, os.strerror(errno.ESTALE))
 
-    monkeypatch.setattr(Path, "iterdir", failing)
+    monkeypatch.setattr(os, "scandir", failing)
     with pytest.raises(OSError, match=os.strerror(errno.ESTALE)):
         list_segments(tmp_path, "events")
 

@@ -7,6 +7,7 @@ disks, and must not include files of no importance.
 
 import os
 import re
+import stat
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -44,10 +45,18 @@ def list_segments(folder: Path, kind: str) -> list[Path]:
     pattern = re.compile(rf"{kind}-[0-9]{{8}}\.(jsonl|bin)")
     try:
         with os.scandir(folder) as found:
-            names = [of.name for of in found if pattern.fullmatch(of.name) and of.is_file(follow_symlinks=False)]
+            names = [entry.name for entry in found if pattern.fullmatch(entry.name) and _is_regular(entry)]
         return [folder / name for name in sorted(names)]
     except FileNotFoundError:
         return []
+
+
+def _is_regular(entry: os.DirEntry[str]) -> bool:
+    """Whether an entry of a folder is a regular file; one that was removed meanwhile is none."""
+    try:
+        return stat.S_ISREG(entry.stat(follow_symlinks=False).st_mode)
+    except FileNotFoundError:
+        return False
 
 
 def require_room(folder: Path, reserve_bytes: int) -> None:
