@@ -11,7 +11,8 @@ in the symmetry planes that they touch.
 import math
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import cache
 from itertools import combinations
 from pathlib import Path
 
@@ -30,6 +31,8 @@ from mesh_motion_server.cases.clamped import bodies, clamped_bending
 from mesh_motion_server.files import MeshFile
 
 __all__ = ["draft", "guessed_roles"]
+
+_Facets = Callable[[], dict[str, Integers]]
 
 
 _SYMMETRY = ("sym", "axis")
@@ -52,11 +55,18 @@ def guessed_roles(mesh: MeshFile) -> dict[str, tuple[str, str]]:
     InvalidInput
         For a mesh without patches.
     """
-    return _roles(mesh, *_layer(mesh))
+    return _roles(mesh, *_layer(mesh), _facets_of(mesh))
 
 
-def _roles(mesh: MeshFile, sides: tuple[str, ...], layer: OneLayer | None) -> dict[str, tuple[str, str]]:
-    """Guess roles as :func:`guessed_roles`, from the result of :func:`_layer`."""
+def _facets_of(mesh: MeshFile) -> _Facets:
+    """The boundary of a mesh, found at its first use: most drafts need none, and a damaged mesh has none."""
+    return cache(lambda: boundary_facets(oriented(mesh.points, mesh.cell_table).cells))
+
+
+def _roles(
+    mesh: MeshFile, sides: tuple[str, ...], layer: OneLayer | None, facets: _Facets
+) -> dict[str, tuple[str, str]]:
+    """Guess roles as :func:`guessed_roles`, from the results of :func:`_layer` and :func:`_facets_of`."""
     if not mesh.patches:
         raise InvalidInput(
             f"{mesh.path}: the mesh has no boundary patches, and a case needs one that moves",
@@ -73,7 +83,7 @@ def _roles(mesh: MeshFile, sides: tuple[str, ...], layer: OneLayer | None) -> di
         else _guess(name, points[nodes], points)
         for name, nodes in mesh.patches.items()
     }
-    roles |= _impossible(mesh, {name: role for name, role in roles.items() if name not in sides})
+    roles |= _impossible(mesh, {name: role for name, role in roles.items() if name not in sides}, facets)
     if all(role != "moving" for role, _ in roles.values()):
         fixed = [name for name, (role, _) in roles.items() if role == "fixed"] or list(roles)
         inner = {name: _inside(points[mesh.patches[name]], low, high).mean() for name in fixed}
@@ -88,20 +98,17 @@ def _roles(mesh: MeshFile, sides: tuple[str, ...], layer: OneLayer | None) -> di
     return roles
 
 
-def _impossible(mesh: MeshFile, roles: Mapping[str, tuple[str, str]]) -> dict[str, tuple[str, str]]:
+def _impossible(mesh: MeshFile, roles: Mapping[str, tuple[str, str]], facets: _Facets) -> dict[str, tuple[str, str]]:
     """Other roles for periodic patches that no other one continues, and for curved symmetry planes."""
     named = {kind: [name for name, (role, _) in roles.items() if role == kind] for kind in ("periodic", "symmetry")}
     found: dict[str, tuple[str, str]] = {}
-    if not any(named.values()):
-        return found
-    facets = boundary_facets(oriented(mesh.points, mesh.cell_table).cells)
     for name in named["symmetry"]:
-        if any(piece.normal is None for piece in smooth_pieces(mesh.points, facets, mesh.patches[name])):
+        if any(piece.normal is None for piece in smooth_pieces(mesh.points, facets(), mesh.patches[name])):
             found[name] = ("slip", f"a symmetry plane {roles[name][1]}, but curved")
     left = {name: mesh.patches[name] for name in named["periodic"]}
     while left:
         try:
-            periodic_pairs(mesh.points, facets, left)
+            periodic_pairs(mesh.points, facets(), left)
             break
         except InvalidInput as error:
             name = str(error.details["patch"])
@@ -110,10 +117,9 @@ def _impossible(mesh: MeshFile, roles: Mapping[str, tuple[str, str]]) -> dict[st
     return found
 
 
-def _planes(mesh: MeshFile, names: Sequence[str], body: Integers) -> Floats:
+def _planes(mesh: MeshFile, names: Sequence[str], body: Integers, facets: _Facets) -> Floats:
     """(k, d) different normals of the symmetry planes that a body with these nodes touches, and may not leave."""
-    facets = boundary_facets(oriented(mesh.points, mesh.cell_table).cells) if names else {}
-    pieces = [piece for name in names for piece in smooth_pieces(mesh.points, facets, mesh.patches[name])]
+    pieces = [piece for name in names for piece in smooth_pieces(mesh.points, facets(), mesh.patches[name])]
     touched = [p.normal for p in pieces if p.normal is not None and np.isin(p.nodes, body).any()]
     found: list[Floats] = []
     for normal in touched:
@@ -175,7 +181,8 @@ def draft(mesh: MeshFile, folder: Path, zone: str = "") -> str:
         For a mesh without patches.
     """
     sides, layer = _layer(mesh)
-    roles = _roles(mesh, sides, layer)
+    facets = _facets_of(mesh)
+    roles = _roles(mesh, sides, layer, facets)
     patches = "\n".join(
         f'{toml_key(name)} = "{role}"  # {len(mesh.patches[name])} nodes; {reason}'
         for name, (role, reason) in roles.items()
@@ -185,9 +192,8 @@ def draft(mesh: MeshFile, folder: Path, zone: str = "") -> str:
     body = mesh.points[nodes]
     centre = (body.min(axis=0) + body.max(axis=0)) / 2
     axes = np.roll(np.eye(mesh.dimension), -1, axis=0) if layer is None else layer.axes[::-1]
-    planes = _planes(
-        mesh, [name for name, (role, _) in roles.items() if role == "symmetry" and name not in sides], nodes
-    )
+    symmetric = [name for name, (role, _) in roles.items() if role == "symmetry" and name not in sides]
+    planes = _planes(mesh, symmetric, nodes, facets)
     direction = _direction(axes, planes)
     normal = None if layer is None else np.cross(*layer.axes)
     if normal is None and len(planes) == 1 and mesh.dimension == 3:

@@ -71,7 +71,7 @@ def read_xml(path: Path) -> list[VtkGrid]:
 
 def _unstructured(values: "_Values", piece: ElementTree.Element) -> VtkGrid:
     if not int(piece.get("NumberOfCells", "0")):
-        return _grid(values, piece, _points(values, piece), *(np.array([0] * size) for size in (0, 1, 0)))
+        return _grid(values, piece, _points(values, piece), *(np.zeros(size, dtype=np.int64) for size in (0, 1, 0)))
     cells = values.arrays(piece, "Cells", ("offsets", "types"))
     offsets = np.concatenate([[0], cells["offsets"].astype(np.int64)])
     nodes = values.arrays(piece, "Cells", ("connectivity",), rows=int(offsets[-1]))["connectivity"]
