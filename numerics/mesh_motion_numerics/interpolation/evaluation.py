@@ -6,8 +6,6 @@ depends on the interpolant and that point alone: bitwise the same for any number
 points into calls.
 """
 
-from dataclasses import dataclass
-
 import mesh_motion_kernels as kernels
 import numpy as np
 from mesh_motion_protocol.errors import InvalidInput
@@ -22,16 +20,8 @@ from mesh_motion_numerics.mesh.points import padded
 __all__ = ["NearOperators", "displacement", "gradient", "prepare"]
 
 
-@dataclass(frozen=True, eq=False)
-class NearOperators:
-    """The data of an interpolant in two scales that depend only on control points and points: one operator a level."""
-
-    operators: tuple[NearOperator, ...]
-
-    @property
-    def nbytes(self) -> int:
-        """Bytes of the operators."""
-        return sum(operator.nbytes for operator in self.operators)
+NearOperators = tuple[NearOperator, ...]
+"""The data of an interpolant in two scales that depend only on control points and points: one operator a level."""
 
 
 def prepare(
@@ -50,7 +40,7 @@ def prepare(
         If the points' dimension is not the interpolant's.
     """
     _check_dimension(interpolant, points)
-    return NearOperators(tuple(NearOperator.build(level, points, skipped=skipped) for level in interpolant.levels))
+    return tuple(NearOperator.build(level, points, skipped=skipped) for level in interpolant.levels)
 
 
 def displacement(
@@ -85,7 +75,7 @@ def displacement(
         out[:] = displacement(interpolant.coarse, points)
     else:
         interpolant.coarse.values(points, out)
-    for level, operator in zip(interpolant.levels, near.operators, strict=True):
+    for level, operator in zip(interpolant.levels, near, strict=True):
         operator.add(level.weights, out)
     return out
 

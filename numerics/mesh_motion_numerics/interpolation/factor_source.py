@@ -147,12 +147,12 @@ def prepared_for(
     """
     if not isinstance(interpolant, TwoScaleInterpolant) or not interpolant.levels:
         return None
-    return NearOperators(prepared_levels(interpolant.levels, points, factors, skipped=skipped))
+    return prepared_levels(interpolant.levels, points, factors, skipped=skipped)
 
 
 def prepared_levels(
     levels: Sequence[Interpolant], points: Floats, factors: FactorSource, *, skipped: Integers
-) -> tuple[NearOperator, ...]:
+) -> NearOperators:
     """The operator of each compact level at points (n, d), except the ``skipped`` rows (r,)."""
     places = hashlib.sha256(point_digest(points))
     places.update(np.ascontiguousarray(skipped).data)

@@ -105,18 +105,21 @@ def reach_of(method: Method, points: Floats, roles: BoundaryRoles, *, periodic: 
     periodic : bool
         Whether the mesh has periodic patches: then the body has images.
     """
-    named, smooth = method.support_radius, float(method.correction == "smooth")
-    if method.correction not in ("none", "smooth") or method.reduction != "none" or periodic:
-        return Reach(suggest_support_radius(points, roles) if named is None else named)
-    if named is None and basis_named(method.basis).compact:
+    radius, mean_radius, smoothing = method.support_radius, 0.0, 0.0
+    if method.correction in ("none", "smooth") and method.reduction == "none" and not periodic:
+        smoothing = _SMOOTH
         body = _longest_side(points[roles.moving])
-        middle = bounding_box(points[roles.moving]).mean(axis=0)
-        away = float(np.linalg.norm(points[roles.fixed] - middle, axis=1).min(initial=np.inf))
-        if body > 0.0 and _FAR * body <= away < np.inf:
-            return Reach(float(f"{_NEAR * body:.2g}"), float(f"{_MEAN * away:.2g}"), smooth * _SMOOTH_FAR)
-        if body > 0.0 and away < np.inf and _longest_side(points) > _LARGE * body:
-            named = float(f"{_NEAR * body:.2g}")
-    return Reach(suggest_support_radius(points, roles) if named is None else named, 0.0, smooth * _SMOOTH)
+        if radius is None and basis_named(method.basis).compact and body > 0.0 and len(roles.fixed):
+            middle = bounding_box(points[roles.moving]).mean(axis=0)
+            away = float(np.linalg.norm(points[roles.fixed] - middle, axis=1).min())
+            far = away >= _FAR * body
+            if far or _longest_side(points) > _LARGE * body:
+                radius = float(f"{_NEAR * body:.2g}")
+            if far:
+                mean_radius, smoothing = float(f"{_MEAN * away:.2g}"), _SMOOTH_FAR
+    if radius is None:
+        radius = suggest_support_radius(points, roles)
+    return Reach(radius, mean_radius, smoothing if method.correction == "smooth" else 0.0)
 
 
 def _longest_side(points: Floats) -> float:

@@ -113,6 +113,11 @@ class PossibleCrossing:
                 certain.looked_for = 1
                 raise certain
 
+    @property
+    def may_overlap(self) -> bool:
+        """Whether :meth:`refuse_overlap` has facets to test."""
+        return self._outer is not None
+
     @cached_property
     def _outer(self) -> BoundaryFacets | None:
         """The facets of outer parts of the boundary; None if none of them moves, or if sides touch or cross at rest."""

@@ -283,7 +283,7 @@ class MotionModel(DifferentiableMesh):
         quality = predicted.quality
         collapsed = quality.inverted > 0 or quality.metric.min < _COLLAPSED
         corrected = self.method.correction != "none" or not quality.inverted
-        if (corrected or not collapsed) and not self.method.allow_invalid:
+        if not self.method.allow_invalid and (corrected if collapsed else self.boundary.may_overlap):
             # a correction would find no mesh, or one whose cells are all positive but overlap or have no size
             refusal = QualityRefused("", best=quality.metric.min, cells=[cell.number for cell in quality.worst])
             refuse = self.boundary.refuse if collapsed else self.boundary.refuse_overlap

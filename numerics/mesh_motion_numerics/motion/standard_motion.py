@@ -27,12 +27,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import mesh_motion_kernels as kernels
 import numpy as np
 from mesh_motion_protocol.errors import QualityRefused
 
-from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_numerics.arrays import Floats, Integers, Marks
 from mesh_motion_numerics.interpolation import evaluation
 from mesh_motion_numerics.interpolation.evaluation import NearOperators
 from mesh_motion_numerics.interpolation.factor_source import (
@@ -369,9 +370,14 @@ class StandardMotion:
         found = self._in_scales(points, origin, controls, factors)
         if not self.reach.mean_radius:
             return found
-        still = np.union1d(self.roles.fixed, self.roles.sliding)
-        moving = np.flatnonzero(np.isin(controls, still, invert=True))
-        return FarFieldFactorization(found, moving, self.reach.mean_radius)
+        return FarFieldFactorization(found, np.flatnonzero(~self._still[controls]), self.reach.mean_radius)
+
+    @cached_property
+    def _still(self) -> Marks:
+        """(n,) whether each node is fixed or slides."""
+        marks = np.zeros(len(self.reference), dtype=bool)
+        marks[self.roles.fixed] = marks[self.roles.sliding] = True
+        return marks
 
     def _in_scales(self, points: Floats, origin: Floats, controls: Integers, factors: FactorSource) -> Factorization:
         """As :meth:`_all_factorized`, in one scale or two, without images.

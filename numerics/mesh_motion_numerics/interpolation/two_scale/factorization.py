@@ -235,7 +235,7 @@ def plan_for(
     """Make the plan for control nodes (c,) of the mesh ``points`` (n, d)."""
     moving = ~np.isin(nodes, roles.fixed)  # sliding nodes also move
     joined = moving.copy()
-    if method.support_radius is not None:
+    if method.support_radius is not None and len(roles.sliding):
         sliding = np.flatnonzero(np.isin(nodes, roles.sliding))
         away = cKDTree(points[roles.moving]).query(points[nodes[sliding]])[0]
         joined[sliding[away > _JOINED * method.support_radius]] = False
