@@ -90,7 +90,8 @@ def _key(default: T, group: str, meaning: str, when: str, **more: Any) -> T:
 _INTERPOLATION, _DISPLACEMENT, _CORRECTION, _REDUCTION = "Interpolation", "Displacement", "Correction", "Fewer points"
 
 _COMPACT = (
-    "wendland-c0", "wendland-c2", "wendland-c4", "wendland-c6", "ctps-c0", "ctps-c1", "ctps-c2a", "ctps-c2b",
+    "wendland-c0", "wendland-c2", "wendland-c2-multiscale", "wendland-c4", "wendland-c6", "ctps-c0", "ctps-c1",
+    "ctps-c2a", "ctps-c2b",
 )  # fmt: skip
 _DEFINITE = ("imqb", "iqb", "gauss")
 _CORRECTIONS = ("imposed-gradient", "explicit", "enrichment", "optimised")
@@ -104,7 +105,8 @@ class Method:
     basis: str = _key(
         "wendland-c2",
         _INTERPOLATION,
-        "The radial basis function (thesis Tables 2.1, 2.2); `tps` and `mqb` get the linear polynomial that they need.",
+        "The radial basis function (thesis Tables 2.1, 2.2); `tps` and `mqb` get the linear polynomial that they need. "
+        "`wendland-c2-multiscale` is 64/85 Σ φ(2ᵏr/R)/4ᵏ, k = 0 … 3, of φ = `wendland-c2`.",
         "`wendland-c2` is compact, positive definite and smooth. `tps` is the widest: it keeps most quality without a "
         "correction and moves a far field that is not held with the boundary, at the cost of a full matrix "
         "([measured](thesis.md#basis-functions-and-the-polynomial-term)).",
@@ -116,8 +118,9 @@ class Method:
         _INTERPOLATION,
         "R. Default: 2.5 times the longest side of the domain; if the domain is longer than 20 times the moving "
         "bodies, 50 times the longest side of the bodies. With the corrections `none` and `smooth`: in a domain "
-        "longer than 10 such sides, 6 of them; and if all fixed nodes are 5 sides away, the bodies' mean displacement "
-        "is carried further than the rest.",
+        "longer than 10 such sides, 10 of them with `wendland-c2-multiscale` in place of `wendland-c2`, 6 of them with "
+        "another compact basis; and if all fixed nodes are 5 sides away, the bodies' mean displacement is carried "
+        "further than the rest.",
         "Make it smaller for bodies in narrow channels with correction `none` or `explicit`: near the width of the "
         "gap. Optimised corrections depend little on R ([measured](beyond.md#defaults)).",
         above=0.0,

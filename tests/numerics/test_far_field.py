@@ -67,13 +67,16 @@ def test_a_body_near_a_fixed_node_and_a_named_radius_or_correction_have_one_radi
     assert mean_radius(patches) == pytest.approx(1.6 * middle, rel=0.05)
     assert mean_radius(patches, **PLAIN) == mean_radius(patches, correction="none") == mean_radius(patches)
     assert mean_radius(patches, support_radius=3.0) == mean_radius(patches, correction="optimised") == 0.0
-    assert MotionModel.build(points, cells, patches, Method()).method.support_radius == pytest.approx(6 * 0.2)
+    assert MotionModel.build(points, cells, patches, Method()).method.support_radius == pytest.approx(10 * 0.2)
     clamped = patches["body"].nodes[:3]
     moving = Patch("moving", np.setdiff1d(patches["body"].nodes, clamped))
     held = {**patches, "body": moving, "clamp": Patch("fixed", clamped)}
     assert mean_radius(held) == 0.0
-    assert MotionModel.build(points, cells, held, Method()).method.support_radius == pytest.approx(6 * 0.2)
-    assert MotionModel.build(*box, Method()).method.support_radius == 2.5
+    other = MotionModel.build(points, cells, held, Method(basis="wendland-c4")).method
+    assert (other.basis, other.support_radius) == ("wendland-c4", pytest.approx(6 * 0.2))
+    assert MotionModel.build(points, cells, held, Method()).method.support_radius == pytest.approx(10 * 0.2)
+    near = MotionModel.build(*box, Method()).method
+    assert (near.basis, near.support_radius) == ("wendland-c2", 2.5)
 
 
 @pytest.mark.parametrize("smoothing", [0.0, 1e-3])

@@ -15,8 +15,8 @@ class Settings(TypedDict, total=False):
     """Settings of a session; the server chooses each key that is left out or None. Lengths are in the mesh's unit."""
 
     basis: Literal[
-        "wendland-c0", "wendland-c2", "wendland-c4", "wendland-c6", "ctps-c0", "ctps-c1", "ctps-c2a", "ctps-c2b",
-        "tps", "mqb", "imqb", "iqb", "gauss",
+        "wendland-c0", "wendland-c2", "wendland-c2-multiscale", "wendland-c4", "wendland-c6", "ctps-c0", "ctps-c1",
+        "ctps-c2a", "ctps-c2b", "tps", "mqb", "imqb", "iqb", "gauss",
     ]  # fmt: skip
     support_radius: float | None
     displacement: Literal["relative", "absolute", "reanchored"] | None

@@ -62,8 +62,8 @@ MESH_MOTION_API int mesh_motion_set_threads(int threads);
 /* s(x) = sum_j w_j phi(|x - x_j| / R) + p(x), for k components. */
 typedef struct mesh_motion_interpolant mesh_motion_interpolant;
 
-/* Basis functions phi: wendland-c0, wendland-c2, wendland-c4, wendland-c6, ctps-c0, ctps-c1, ctps-c2a, ctps-c2b
- * (compact: zero beyond R), tps, mqb, imqb, qb, iqb, gauss. support_radius: R > 0, a length; of tps it scales the
+/* Basis functions phi: wendland-c0, wendland-c2, wendland-c2-multiscale, wendland-c4, wendland-c6, ctps-c0, ctps-c1,
+ * ctps-c2a, ctps-c2b (compact: zero beyond R), tps, mqb, imqb, qb, iqb, gauss. support_radius: R > 0, a length; of tps it scales the
  * weights. dimension d: 1, 2 or 3. control_points (centres, d), weights (centres, components), both finite.
  */
 MESH_MOTION_API int mesh_motion_interpolant_create(const char *basis, double support_radius, int64_t dimension,

@@ -1,4 +1,4 @@
-"""The table of basis functions: thesis Tables 2.1 and 2.2, with the requirements of each on an interpolation.
+"""The table of basis functions: thesis Tables 2.1 and 2.2 and a sum, with their requirements on an interpolation.
 
 A basis is chosen by name. One row of :data:`BASES` has everything that an interpolation must know about it: whether its
 support is compact, for which polynomial its matrix is definite, whether a gradient exists at a centre, what the support
@@ -9,7 +9,8 @@ References
 A. de Boer, M. S. van der Schoot, H. Bijl, "Mesh deformation based on radial basis function interpolation", Computers &
 Structures 85 (2007) 784–795, Tables 1 and 2. H. Wendland, "Piecewise polynomial, positive definite and compactly
 supported radial functions of minimal degree", Adv. Comput. Math. 4 (1995) 389–396. C. A. Micchelli, "Interpolation of
-scattered data", Constr. Approx. 2 (1986) 11–22. The thesis reproduces de Boer's tables as 2.1 and 2.2.
+scattered data", Constr. Approx. 2 (1986) 11–22. R. Opfer, "Multiscale kernels", Adv. Comput. Math. 25 (2006) 357–380.
+The thesis reproduces de Boer's tables as 2.1 and 2.2.
 """
 
 import math
@@ -24,11 +25,14 @@ from numpy.typing import ArrayLike
 
 from mesh_motion_numerics.arrays import Floats
 
-__all__ = ["BASES", "DEFAULT_BASIS", "Basis", "basis_named", "checked_radius", "slopes", "values"]
+__all__ = ["BASES", "DEFAULT_BASIS", "MULTISCALE", "Basis", "basis_named", "checked_radius", "slopes", "values"]
 
 Definiteness = Literal["positive", "conditionally positive", "conditionally negative", "none"]
 
 DEFAULT_BASIS = "wendland-c2"
+MULTISCALE = "wendland-c2-multiscale"
+"""Σ_k φ(2ᵏξ)/4ᵏ of Wendland's C2 function φ, k = 0 … 3. Its slope φ'(ξ)/ξ falls nearly with the logarithm of ξ from 1/8
+to 1: a rotation is spread evenly over the distances from R/8 to R."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +44,7 @@ class Basis:
     name : str
         As in the case file and on the wire.
     number : int
-        Row of thesis Table 2.1 (1–8) or 2.2 (9–14).
+        Row of thesis Table 2.1 (1–8) or 2.2 (9–14); 0 if it is in neither.
     formula, derivative : str
         φ(ξ) and φ'(ξ); for compact functions on 0 ≤ ξ ≤ 1, zero beyond.
     compact : bool
@@ -95,6 +99,13 @@ BASES: dict[str, Basis] = {
     basis.name: basis
     for basis in (
         _compact(2, "wendland-c2", "(1-ξ)⁴(4ξ+1)", "-20ξ(1-ξ)³", _WENDLAND),
+        _compact(
+            0,
+            MULTISCALE,
+            "64/85 (φ(ξ)+φ(2ξ)/4+φ(4ξ)/16+φ(8ξ)/64), φ of wendland-c2",
+            "32/85 (2φ'(ξ)+φ'(2ξ)+φ'(4ξ)/2+φ'(8ξ)/4), φ of wendland-c2",
+            "Opfer 2006, with Wendland's C2 function",
+        ),
         _compact(1, "wendland-c0", "(1-ξ)²", "-2(1-ξ)", _WENDLAND, gradient=False),
         _compact(3, "wendland-c4", "(1-ξ)⁶(35/3 ξ²+6ξ+1)", "-56/3 ξ(5ξ+1)(1-ξ)⁵", _WENDLAND),
         _compact(4, "wendland-c6", "(1-ξ)⁸(32ξ³+25ξ²+8ξ+1)", "-22ξ(16ξ²+7ξ+1)(1-ξ)⁷", _WENDLAND),
@@ -145,7 +156,7 @@ def basis_named(name: str, *, gradient: bool = False) -> Basis:
         If the name is unknown, the basis unusable, or its gradient is needed and does not exist at a centre.
     """
     usable = [basis for basis in BASES.values() if not basis.unusable]
-    known = ", ".join(basis.name for basis in sorted(usable, key=lambda basis: basis.number))
+    known = ", ".join(basis.name for basis in sorted(usable, key=lambda basis: basis.number or math.inf))
     if name not in BASES:
         raise InvalidInput(f"unknown basis {name!r}", hint=f"known are {known}")
     basis = BASES[name]

@@ -8,9 +8,11 @@ The rule is ``R = 2.5 min(L, 20 B)``: L the longest side of the bounding box of 
 - A far field that is hundreds of body lengths away is not included: the surroundings of the body move nearly like the
   body in either case. The weights grow as (R/h)³, and with them the rounding errors: beyond 50 B there is no gain.
 
-In a domain longer than 10 B, the default motion and interpolation alone have R = 6 B: with the radius above, some nodes
-move up to 11 times as fast as a body that turns, 1 B or 20 B from a wall, with 6 B twice as fast. The cells keep their
-shape to 0.02 near a wall and lose 0.02 to 0.05 without one, if the body turns by 30°.
+In a domain longer than 10 B, the default motion and interpolation alone have R = 10 B and the multiscale basis. With
+the radius above, some nodes move up to 11 times as fast as a body that turns, 1 B or 20 B from a wall; with 10 B up to
+twice as fast, and with 16 B up to 2.5 times. When a body turns by 45° the cells keep 0.01 to 0.02 more of their shape
+with 16 B, and 0.04 to 0.06 less with Wendland's C2 function and the 6 B that make it as fast. Other compact functions
+have 6 B.
 
 If all fixed nodes are far away, at a distance D of at least 5 B from the middle of the moving nodes' box, a small
 radius is bad for shifts. So the mean displacement has its own, R_t = 1.6 D (:mod:`.far_field`). If a cylinder is
@@ -39,7 +41,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from mesh_motion_numerics.arrays import Floats
-from mesh_motion_numerics.interpolation.kernels import basis_named
+from mesh_motion_numerics.interpolation.kernels import DEFAULT_BASIS, MULTISCALE, basis_named
 from mesh_motion_numerics.mesh.points import bounding_box
 from mesh_motion_numerics.mesh.roles import BoundaryRoles
 from mesh_motion_numerics.method import Method
@@ -47,8 +49,10 @@ from mesh_motion_numerics.method import Method
 __all__ = ["Reach", "reach_of", "suggest_enrichment_radius", "suggest_support_radius", "widest_ball"]
 
 _DOMAIN_LENGTHS, _BODIES = 2.5, 20.0
-#: Least L of a large domain, least D of a far field, and R in both, in B; R_t in D.
-_LARGE, _FAR, _NEAR, _MEAN = 10.0, 5.0, 6.0, 1.6
+#: Least L of a large domain, least D of a far field, and R in both with the multiscale basis, in B; R_t in D.
+_LARGE, _FAR, _NEAR, _MEAN = 10.0, 5.0, 10.0, 1.6
+#: R of other compact functions, in that of the multiscale basis.
+_OTHER = 0.6
 #: λ, and λ in a far field. Noise of the boundary reaches the nodes of a wing 8 times as large with 1e-6, 17 times
 #: without, and its cells keep their shape to 0.1 %; around aerofoils in a far field 9 and 26 times with 1e-3, 450 and
 #: 1100 times without. Prisms near a wall lose 3 % of their shape with 1e-6, half of it with 1e-5.
@@ -80,6 +84,8 @@ class Reach(NamedTuple):
 
     Attributes
     ----------
+    basis : str
+        φ of :mod:`.kernels`.
     support_radius : float, mesh length unit
         R.
     mean_radius : float, mesh length unit
@@ -88,6 +94,7 @@ class Reach(NamedTuple):
         λ of :mod:`.two_scale.factorization`.
     """
 
+    basis: str
     support_radius: float
     mean_radius: float = 0.0
     smoothing: float = 0.0
@@ -105,21 +112,23 @@ def reach_of(method: Method, points: Floats, roles: BoundaryRoles, *, periodic: 
     periodic : bool
         Whether the mesh has periodic patches: then the body has images.
     """
-    radius, mean_radius, smoothing = method.support_radius, 0.0, 0.0
+    basis, radius, mean_radius, smoothing = method.basis, method.support_radius, 0.0, 0.0
     if method.correction in ("none", "smooth") and method.reduction == "none" and not periodic:
         smoothing = _SMOOTH
         body = _longest_side(points[roles.moving])
-        if radius is None and basis_named(method.basis).compact and body > 0.0 and len(roles.fixed):
+        if radius is None and basis_named(basis).compact and body > 0.0 and len(roles.fixed):
             middle = bounding_box(points[roles.moving]).mean(axis=0)
             away = float(np.linalg.norm(points[roles.fixed] - middle, axis=1).min())
             far = away >= _FAR * body
             if far or _longest_side(points) > _LARGE * body:
-                radius = float(f"{_NEAR * body:.2g}")
+                if basis == DEFAULT_BASIS:
+                    basis = MULTISCALE
+                radius = float(f"{_NEAR * body * (1.0 if basis == MULTISCALE else _OTHER):.2g}")
             if far:
                 mean_radius, smoothing = float(f"{_MEAN * away:.2g}"), _SMOOTH_FAR
     if radius is None:
         radius = suggest_support_radius(points, roles)
-    return Reach(radius, mean_radius, smoothing if method.correction == "smooth" else 0.0)
+    return Reach(basis, radius, mean_radius, smoothing if method.correction == "smooth" else 0.0)
 
 
 def _longest_side(points: Floats) -> float:

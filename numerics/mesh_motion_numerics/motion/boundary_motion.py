@@ -122,7 +122,9 @@ class BoundaryMotion:
         check_method(method, points, roles, periodic=periodic)
         reach = reach_of(method, points, roles, periodic=periodic)
         radius = reach.support_radius
-        method = replace(method, support_radius=radius, enrichment_radius=method.enrichment_radius or radius)
+        method = replace(
+            method, basis=reach.basis, support_radius=radius, enrichment_radius=method.enrichment_radius or radius
+        )
         motion = StandardMotion.build(points, facets, patches, method, reach)
         constraint = BoundaryConstraint.build(points, facets, patches, motion.surfaces, motion.sliding, motion.periodic)
         smooth = None if constraint is None else constraint.smooth()

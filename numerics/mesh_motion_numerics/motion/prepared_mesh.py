@@ -102,7 +102,7 @@ class PreparedMesh:
         reach = reach_of(method, points, roles, periodic=periodic)
         radius = reach.support_radius
         enrichment_radius = method.enrichment_radius or suggest_enrichment_radius(points, roles, radius)
-        method = replace(method, support_radius=radius, enrichment_radius=enrichment_radius)
+        method = replace(method, basis=reach.basis, support_radius=radius, enrichment_radius=enrichment_radius)
         held = np.zeros(len(points), dtype=bool)
         held[boundary_nodes(cells)] = True
         held[roles.all] = True

@@ -185,7 +185,7 @@ class StandardMotion:
             if periodic is None or periodic.turns:  # a row of cells has no end: walls follow
                 sliding = sliding.with_endless(points, periodic=periodic is not None)
         spacing = 0.0 if method.reduction == "none" else boundary_spacing(points[roles.moving])
-        reach = reach or Reach(method.support_radius or 0.0)
+        reach = reach or Reach(method.basis, method.support_radius or 0.0)
         return cls(points, roles, method, surfaces, sliding, periodic, spacing, {}, reach).with_layer(None)
 
     def with_layer(self, layer: BoundaryLayer | None) -> StandardMotion:

@@ -18,11 +18,11 @@ namespace {
 constexpr struct Row {
     const char* name;
     bool compact, gradient_at_centre;
-} bases[] = {{"wendland-c2", true, true}, {"wendland-c0", true, false}, {"wendland-c4", true, true},
-             {"wendland-c6", true, true}, {"ctps-c0", true, false},     {"ctps-c1", true, true},
-             {"ctps-c2a", true, true},    {"ctps-c2b", true, true},     {"tps", false, true},
-             {"mqb", false, true},        {"imqb", false, true},        {"qb", false, true},
-             {"iqb", false, true},        {"gauss", false, true}};
+} bases[] = {{"wendland-c2", true, true}, {"wendland-c2-multiscale", true, true}, {"wendland-c0", true, false},
+             {"wendland-c4", true, true}, {"wendland-c6", true, true}, {"ctps-c0", true, false},
+             {"ctps-c1", true, true}, {"ctps-c2a", true, true}, {"ctps-c2b", true, true},
+             {"tps", false, true}, {"mqb", false, true}, {"imqb", false, true},
+             {"qb", false, true}, {"iqb", false, true}, {"gauss", false, true}};
 static_assert(std::size(bases) == std::tuple_size_v<Bases>);
 
 /// Points (n, d) with three coordinates, of which missing ones are zero; all rows, or the rows with given numbers.

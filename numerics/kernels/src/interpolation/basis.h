@@ -1,4 +1,4 @@
-// The basis functions of thesis Tables 2.1 and 2.2 as inline functions of ξ = r/R.
+// The basis functions of thesis Tables 2.1 and 2.2, and a sum of one, as inline functions of ξ = r/R.
 //
 // Each row of the tables is a type with φ(ξ) and the *slope* φ'(ξ)/ξ, which a gradient needs:
 // ∇φ = slope(ξ) (x − x_j) / R². Both take ξ ≥ 0; compact ones are zero for ξ > 1. Terms with a logarithm take their
@@ -81,6 +81,19 @@ struct WendlandC2 {
 struct WendlandC0 {
     static double phi(double x) { return power<2>(inside(x)); }
     static double slope(double x) { return x > 0.0 ? -2.0 * inside(x) / x : 0.0; }
+};
+
+/// Σ_k φ(2ᵏξ)/4ᵏ, k = 0 … 3, of Wendland's C2 function φ, by the sum of the weights.
+struct WendlandC2Multiscale {
+    static constexpr double share = 64.0 / 85.0;
+    static double phi(double x) {
+        const double near = WendlandC2::phi(4.0 * x) + 0.25 * WendlandC2::phi(8.0 * x);
+        return share * (WendlandC2::phi(x) + 0.25 * (WendlandC2::phi(2.0 * x) + 0.25 * near));
+    }
+    static double slope(double x) {
+        const double cubes = power<3>(inside(x)) + power<3>(inside(2.0 * x)) + power<3>(inside(4.0 * x));
+        return -20.0 * share * (cubes + power<3>(inside(8.0 * x)));
+    }
 };
 
 /// ξ ≤ 1 in the second factors avoids 0 · ∞.
@@ -179,8 +192,8 @@ struct Gauss {
 };
 
 /// The basis functions by their codes; kernels.py maps names to codes.
-using Bases = std::tuple<WendlandC2, WendlandC0, WendlandC4, WendlandC6, CtpsC0, CtpsC1, CtpsC2a, CtpsC2b, ThinPlate,
-                         Multiquadric, InverseMultiquadric, Quadric, InverseQuadric, Gauss>;
+using Bases = std::tuple<WendlandC2, WendlandC2Multiscale, WendlandC0, WendlandC4, WendlandC6, CtpsC0, CtpsC1, CtpsC2a,
+                         CtpsC2b, ThinPlate, Multiquadric, InverseMultiquadric, Quadric, InverseQuadric, Gauss>;
 
 /// Calls f(basis) with the type for this code: loops inside are compiled for each type.
 template <class F>

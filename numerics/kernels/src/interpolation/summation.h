@@ -148,9 +148,9 @@ inline void fill_tile(const Point& x, Index first, Index last, Matrix<const doub
     }
 }
 
-/// Whether displacements and their gradients use one loop without a tile: for the basis of nearly all interpolants.
+/// Whether displacements and their gradients use one loop without a tile: for the bases of nearly all interpolants.
 template <class Basis>
-inline constexpr bool fused = std::is_same_v<Basis, WendlandC2>;
+inline constexpr bool fused = std::is_same_v<Basis, WendlandC2> || std::is_same_v<Basis, WendlandC2Multiscale>;
 
 /// sum_over for K components, whose products take no time besides the square root: 0.6 ns a pair.
 template <class Basis, std::size_t K, class Ranges>
