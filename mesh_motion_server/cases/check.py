@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 from mesh_motion_numerics.arrays import Floats
-from mesh_motion_numerics.interpolation.support_radius import reach_of
+from mesh_motion_numerics.interpolation.support_radius import with_reach
 from mesh_motion_numerics.mesh.boundary_facets import boundary_facets, boundary_nodes
 from mesh_motion_numerics.mesh.one_layer import OneLayer
 from mesh_motion_numerics.mesh.periodic_nodes import PeriodicNodes
@@ -55,6 +55,8 @@ class CheckReport:
         Minimum and mean skew of the mesh in the file.
     support_radius : float or None
         The support radius of the case, if it sets one.
+    suggested : Method
+        With the basis and the radii that are chosen if the case sets no support radius.
     steps : int
         Number of steps of the case's motion that were predicted and are accepted.
     refused : str
@@ -68,7 +70,7 @@ class CheckReport:
     pairs: list[str]
     quality: dict[str, float]
     support_radius: float | None
-    suggested_radius: float
+    suggested: Method
     warnings: list[str]
     steps: int = 0
     refused: str = ""
@@ -173,7 +175,7 @@ def _report(path: Path, mesh: MeshFile, case: Case | None, warnings: list[str] |
     quality = cell_quality(mesh.points, cells, sizes)
     radius = None if case is None else case.content.method.support_radius
     unnamed = replace(method, support_radius=None)
-    suggested = reach_of(unnamed, mesh.points, split, periodic=periodic is not None).support_radius
+    suggested = with_reach(unnamed, mesh.points, split, periodic=periodic is not None)[0]
     control = mesh.points[split.all]
     return CheckReport(
         path=path,
@@ -183,7 +185,7 @@ def _report(path: Path, mesh: MeshFile, case: Case | None, warnings: list[str] |
         pairs=[] if periodic is None else [pair.describe() for pair in periodic.pairs],
         quality={"minimum skew": float(quality.skew.min()), "mean skew": float(quality.skew.mean())},
         support_radius=radius,
-        suggested_radius=suggested,
+        suggested=suggested,
         warnings=warnings + _radius_warnings(radius, control),
     )
 

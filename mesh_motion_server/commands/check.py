@@ -64,7 +64,8 @@ def _check_values(report: CheckReport) -> dict[str, Any]:
         "pairs": report.pairs,
         "quality": report.quality,
         "support_radius": report.support_radius,
-        "suggested_support_radius": report.suggested_radius,
+        "suggested_support_radius": report.suggested.support_radius,
+        "suggested_basis": report.suggested.basis,
         "steps_accepted": report.steps,
         "refused": report.refused,
         "warnings": report.warnings,
@@ -73,6 +74,8 @@ def _check_values(report: CheckReport) -> dict[str, Any]:
 
 def _print_check(report: CheckReport) -> None:
     """The report as a table."""
+    from mesh_motion_numerics.interpolation.kernels import DEFAULT_BASIS
+
     from mesh_motion_server.watch.terminal.console import Table
 
     mesh = report.mesh
@@ -90,7 +93,8 @@ def _print_check(report: CheckReport) -> None:
         table.add_row("periodic", pair)
     table.add_row("quality", ", ".join(f"{name} {value:.3f}" for name, value in report.quality.items()))
     chosen = f"{report.support_radius:g} in the case, " if report.support_radius is not None else ""
-    table.add_row("support radius", f"{chosen}{report.suggested_radius:g} suggested")
+    with_basis = "" if report.suggested.basis == DEFAULT_BASIS else f" with the basis {report.suggested.basis}"
+    table.add_row("support radius", f"{chosen}{report.suggested.support_radius:g} suggested{with_basis}")
     if report.steps:
         table.add_row("motion", f"{report.steps} steps are accepted")
     show(table)

@@ -21,7 +21,7 @@ def test_a_good_case_is_described(make_case) -> None:
     assert report.counts == counts
     assert report.pairs == []
     assert report.support_radius == 0.6
-    assert report.suggested_radius > 0
+    assert report.suggested.support_radius > 0
     assert report.warnings == []
     assert 0 < report.quality["minimum skew"] <= report.quality["mean skew"] <= 1
 
@@ -200,3 +200,21 @@ def test_polygons_have_their_own_way_out(tmp_path: Path) -> None:
     meshio.write(tmp_path / "mesh.vtu", meshio.Mesh(points, [("polygon", np.arange(5)[None])]))
     with pytest.raises(InvalidInput, match=r"cells of VTK's type 7 \(polygons\) \(divide such cells"):
         check(tmp_path / "mesh.vtu")
+
+
+def test_a_far_field_is_suggested_its_basis_and_radius(tmp_path: Path) -> None:
+    axis = np.arange(-13.0, 14.0)
+    points = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
+    nodes = np.arange(len(points)).reshape(27, 27)
+    quads = np.stack([nodes[:-1, :-1], nodes[:-1, 1:], nodes[1:, 1:], nodes[1:, :-1]], axis=-1).reshape(-1, 4)
+    quads = quads[np.abs(points[quads].mean(axis=1)).max(axis=1) > 1.0]
+    block, outer = (np.flatnonzero(np.abs(points).max(axis=1) == size) for size in (1.0, 13.0))
+    path = tmp_path / "far.npz"
+    write_npz(path, MeshFile(points, {"quad": quads}, {"block": block, "outer": outer}, path))
+    case = tmp_path / "case.toml"
+    case.write_text(
+        '[mesh]\nfile = "far.npz"\n[patches]\nblock = "moving"\nouter = "fixed"\n'
+        '[[motion]]\npatch = "block"\nrigid = { translation = [0.1, 0.0] }\n[steps]\ncount = 1\n'
+    )
+    suggested = check(case).suggested
+    assert (suggested.basis, suggested.support_radius) == ("wendland-c2-multiscale", 20.0)

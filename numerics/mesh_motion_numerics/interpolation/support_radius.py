@@ -35,6 +35,7 @@ a narrow channel, it is near the width of the gap, but with such a radius large 
 (docs/beyond.md).
 """
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -46,7 +47,7 @@ from mesh_motion_numerics.mesh.points import bounding_box
 from mesh_motion_numerics.mesh.roles import BoundaryRoles
 from mesh_motion_numerics.method import Method
 
-__all__ = ["Reach", "reach_of", "suggest_enrichment_radius", "suggest_support_radius", "widest_ball"]
+__all__ = ["Reach", "suggest_enrichment_radius", "suggest_support_radius", "widest_ball", "with_reach"]
 
 _DOMAIN_LENGTHS, _BODIES = 2.5, 20.0
 #: Least L of a large domain, least D of a far field, and R in both with the multiscale basis, in B; R_t in D.
@@ -80,28 +81,24 @@ def suggest_support_radius(points: Floats, roles: BoundaryRoles) -> float:
 
 
 class Reach(NamedTuple):
-    """How the displacement of the boundary reaches into the mesh.
+    """How the displacement of the boundary reaches into the mesh, besides the basis and the support radius.
 
     Attributes
     ----------
-    basis : str
-        φ of :mod:`.kernels`.
-    support_radius : float, mesh length unit
-        R.
     mean_radius : float, mesh length unit
         R_t of :mod:`.far_field`; 0 if the mean displacement is not separated.
     smoothing : float
         λ of :mod:`.two_scale.factorization`.
     """
 
-    basis: str
-    support_radius: float
     mean_radius: float = 0.0
     smoothing: float = 0.0
 
 
-def reach_of(method: Method, points: Floats, roles: BoundaryRoles, *, periodic: bool) -> Reach:
-    """Choose the reach of a method on a mesh; a support radius that the method names is kept, with one radius.
+def with_reach(method: Method, points: Floats, roles: BoundaryRoles, *, periodic: bool) -> tuple[Method, Reach]:
+    """The method with its basis and radii for a mesh, and its reach.
+
+    A support radius that the method names is kept, with its basis and no other radius.
 
     Only the default motion and interpolation alone have small radii in large domains. Only the default motion is
     smoothed: smoothing changes the height of first cells by some percent, and there their layers are carried.
@@ -128,7 +125,9 @@ def reach_of(method: Method, points: Floats, roles: BoundaryRoles, *, periodic: 
                 mean_radius, smoothing = float(f"{_MEAN * away:.2g}"), _SMOOTH_FAR
     if radius is None:
         radius = suggest_support_radius(points, roles)
-    return Reach(basis, radius, mean_radius, smoothing if method.correction == "smooth" else 0.0)
+    reach = Reach(mean_radius, smoothing if method.correction == "smooth" else 0.0)
+    enrichment = method.enrichment_radius or suggest_enrichment_radius(points, roles, radius)
+    return replace(method, basis=basis, support_radius=radius, enrichment_radius=enrichment), reach
 
 
 def _longest_side(points: Floats) -> float:

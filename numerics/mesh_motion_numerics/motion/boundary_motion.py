@@ -26,7 +26,7 @@ from mesh_motion_numerics.interpolation.factor_source import (
     Recorded,
 )
 from mesh_motion_numerics.interpolation.interpolation_map import FieldMap
-from mesh_motion_numerics.interpolation.support_radius import reach_of
+from mesh_motion_numerics.interpolation.support_radius import with_reach
 from mesh_motion_numerics.mesh.boundary_layer_wall import MovingWall
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.mesh.patch_check import check_patches
@@ -120,11 +120,7 @@ class BoundaryMotion:
             )
         periodic = any(patch.role == "periodic" for patch in patches.values())
         check_method(method, points, roles, periodic=periodic)
-        reach = reach_of(method, points, roles, periodic=periodic)
-        radius = reach.support_radius
-        method = replace(
-            method, basis=reach.basis, support_radius=radius, enrichment_radius=method.enrichment_radius or radius
-        )
+        method, reach = with_reach(method, points, roles, periodic=periodic)
         motion = StandardMotion.build(points, facets, patches, method, reach)
         constraint = BoundaryConstraint.build(points, facets, patches, motion.surfaces, motion.sliding, motion.periodic)
         smooth = None if constraint is None else constraint.smooth()

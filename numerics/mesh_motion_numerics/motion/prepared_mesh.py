@@ -10,7 +10,7 @@ import numpy as np
 from mesh_motion_numerics.arrays import Floats, Integers, Marks
 from mesh_motion_numerics.correction.boundary_constraint import BoundaryConstraint
 from mesh_motion_numerics.correction.smooth_motion import SmoothMotion
-from mesh_motion_numerics.interpolation.support_radius import reach_of, suggest_enrichment_radius
+from mesh_motion_numerics.interpolation.support_radius import with_reach
 from mesh_motion_numerics.mesh.boundary_facets import boundary_facets, boundary_nodes
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.mesh.plane_rims import PlaneRims
@@ -99,10 +99,7 @@ class PreparedMesh:
         roles = BoundaryRoles.from_patches(patches)
         periodic = any(patch.role == "periodic" for patch in patches.values())
         check_method(method, points, roles, periodic=periodic)
-        reach = reach_of(method, points, roles, periodic=periodic)
-        radius = reach.support_radius
-        enrichment_radius = method.enrichment_radius or suggest_enrichment_radius(points, roles, radius)
-        method = replace(method, basis=reach.basis, support_radius=radius, enrichment_radius=enrichment_radius)
+        method, reach = with_reach(method, points, roles, periodic=periodic)
         held = np.zeros(len(points), dtype=bool)
         held[boundary_nodes(cells)] = True
         held[roles.all] = True

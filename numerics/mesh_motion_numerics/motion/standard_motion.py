@@ -69,6 +69,7 @@ __all__ = ["StandardMotion", "StandardTrial"]
 _SUBSTEP_FRACTION = 0.025
 #: … and at most this many.
 _MAX_SUBSTEPS = 20
+_ONE_RADIUS = Reach()
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,7 +169,7 @@ class StandardMotion:
         facets: Mapping[str, Integers],
         patches: Mapping[str, Patch],
         method: Method,
-        reach: Reach | None = None,
+        reach: Reach = _ONE_RADIUS,
     ) -> StandardMotion:
         """Prepare the motion of a checked mesh with reference coordinates ``points`` (n, d).
 
@@ -185,7 +186,6 @@ class StandardMotion:
             if periodic is None or periodic.turns:  # a row of cells has no end: walls follow
                 sliding = sliding.with_endless(points, periodic=periodic is not None)
         spacing = 0.0 if method.reduction == "none" else boundary_spacing(points[roles.moving])
-        reach = reach or Reach(method.basis, method.support_radius or 0.0)
         return cls(points, roles, method, surfaces, sliding, periodic, spacing, {}, reach).with_layer(None)
 
     def with_layer(self, layer: BoundaryLayer | None) -> StandardMotion:

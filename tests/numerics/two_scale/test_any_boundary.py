@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 from mesh_motion_numerics.interpolation.factor_source import MakeEachTime
-from mesh_motion_numerics.interpolation.support_radius import reach_of
+from mesh_motion_numerics.interpolation.support_radius import with_reach
 from mesh_motion_numerics.mesh.boundary_facets import boundary_facets
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.mesh.roles import BoundaryRoles
@@ -35,8 +35,7 @@ def moved_by(grid: Grid, targets: Floats) -> tuple[StandardTrial, float]:
     The error is a share of the largest displacement.
     """
     cells, roles = CellTable.from_arrays(grid.cells), BoundaryRoles.from_patches(grid.patches)
-    reach = reach_of(Method(correction="none"), grid.points, roles, periodic=False)
-    method = Method(correction="none", support_radius=reach.support_radius)
+    method, reach = with_reach(Method(correction="none"), grid.points, roles, periodic=False)
     motion = StandardMotion.build(grid.points, boundary_facets(cells), grid.patches, method, reach)
     wanted = grid.points.copy()
     wanted[grid.body] = targets
@@ -67,11 +66,11 @@ def test_aerofoils_turn_with_their_first_cells_by_45_degrees_and_half_a_chord(gr
     rest, sizes = grid.points, reference_sizes(grid.points, cells)
     now, before = cell_quality(trial.points, cells, sizes), cell_quality(rest, cells, sizes)
     assert not now.inverted.any()
-    assert (now.skew / before.skew).min() > 0.75
+    assert (now.skew / before.skew).min() > 0.78
     first = cells.blocks[0].nodes[np.isin(cells.blocks[0].nodes, grid.body).sum(axis=1) == 2]
     on_wall = np.isin(first, grid.body)
     heights = [_heights(points, first, on_wall) for points in (rest, trial.points)]
-    assert (np.abs(heights[1] - heights[0]) < 0.015 * heights[0] + 1e-11).all()  # in chords: what rounding leaves
+    assert (np.abs(heights[1] - heights[0]) < 0.035 * heights[0] + 1e-11).all()  # in chords: what rounding leaves
 
 
 def _heights(points: Floats, cells: np.ndarray, on_wall: np.ndarray) -> Floats:
