@@ -10,6 +10,7 @@ from mesh_motion_numerics.arrays import Floats, Integers
 from mesh_motion_protocol.errors import InvalidInput
 from mesh_motion_protocol.messages import Cotangent, CotangentFound, Tangent, TangentFound
 
+from mesh_motion_server.service.rows import check_values
 from mesh_motion_server.session.field_slope import FieldCotangent
 from mesh_motion_server.session.session import Session
 from mesh_motion_server.session.state import Operation
@@ -128,7 +129,7 @@ def _at(session: Session, request: Tangent | Cotangent) -> dict[str, Any]:
 
 
 def _check(session: Session, name: str, values: Floats, nodes: Integers, partition: int) -> None:
-    """Check that there is one finite row per node, of whole vectors."""
+    """Check that there is one row per node, of whole vectors, with usable values."""
     values, d = np.asarray(values), session.spec.dimension
     if values.ndim != 2 or len(values) != len(nodes) or values.shape[1] % d or not values.shape[1]:
         raise InvalidInput(
@@ -137,11 +138,4 @@ def _check(session: Session, name: str, values: Floats, nodes: Integers, partiti
             code="INVALID_ARGUMENT.SHAPE",
             details={"partition": partition, "expected": [len(nodes), d], "got": list(values.shape)},
         )
-    bad = np.argwhere(~np.isfinite(values))
-    if len(bad):
-        row, column = (int(i) for i in bad[0])
-        raise InvalidInput(
-            f"{name} of partition {partition}, row {row} (node {nodes[row]}): column {column} is {values[row, column]}",
-            code="INVALID_ARGUMENT.NONFINITE",
-            details={"partition": partition, "row": row, "node": int(nodes[row]), "value": str(values[row, column])},
-        )
+    check_values(name, partition, values, nodes)

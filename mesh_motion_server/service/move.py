@@ -21,6 +21,7 @@ from mesh_motion_server.service.reports import (
     move_quality,
     shortened,
 )
+from mesh_motion_server.service.rows import check_values
 from mesh_motion_server.session.session import Session
 from mesh_motion_server.session.state import Operation
 from mesh_motion_server.session.values import MoveOutcome, VelocityAsked
@@ -223,36 +224,8 @@ def _check_rows(session: Session, request: Move, name: str, values: NDArray[np.f
             code="INVALID_ARGUMENT.SHAPE" if displacement.dtype.kind == "f" else "INVALID_ARGUMENT.DTYPE",
             details={"partition": request.partition, "expected": list(expected), "got": list(displacement.shape)},
         )
-    bad = np.argwhere(~np.isfinite(displacement))
-    if len(bad):
-        row, axis = (int(i) for i in bad[0])
-        raise InvalidInput(
-            f"{name} of partition {request.partition}, row {row} (node {nodes[row]}): component {axis} is "
-            f"{displacement[row, axis]}",
-            code="INVALID_ARGUMENT.NONFINITE",
-            details={
-                "partition": request.partition,
-                "row": row,
-                "node": int(nodes[row]),
-                "value": str(displacement[row, axis]),
-            },
-        )
-    if name == "displacement":
-        _check_lengths(session, request.partition, displacement, nodes)
-
-
-def _check_lengths(
-    session: Session, partition: int, displacement: NDArray[np.floating], nodes: NDArray[np.integer]
-) -> None:
-    """Reject huge finite numbers that mark a missing value, such as 1e300."""
-    limit = _FARTHEST * session.mesh.extent
-    if not len(displacement) or (displacement.max() <= limit and displacement.min() >= -limit):
-        return
-    row, axis = (int(i) for i in np.argwhere(np.abs(displacement) > limit)[0])
-    raise InvalidInput(
-        f"displacement of partition {partition}, row {row} (node {nodes[row]}): component {axis} is "
-        f"{displacement[row, axis]}, expected at most {limit:.3g}, {_FARTHEST:.0e} times the extent of the mesh",
-        code="INVALID_ARGUMENT.VALUE",
-        hint="check the sender's solver first, and its unit of length",
-        details={"partition": partition, "row": row, "node": int(nodes[row]), "value": str(displacement[row, axis])},
-    )
+    if name == "displacement":  # huge finite numbers mark a missing value
+        times = f", {_FARTHEST:.0e} times the extent of the mesh"
+        check_values(name, request.partition, displacement, nodes, _FARTHEST * session.mesh.extent, times)
+    else:
+        check_values(name, request.partition, displacement, nodes)

@@ -54,11 +54,13 @@ class Answers(Position):
             The unit: multiples of the way from the committed state, or of the way from the reference mesh; or seconds
             of the trial's ``velocity`` (n, d).
         """
-        points = self._open_trial.points
+        trial = self._open_trial
         if velocity is not None and along == "velocity":
-            return self.model.headroom(velocity, points)
-        before = self._committed_state.points if along == "step" else self.mesh.points
-        return self.model.headroom(points - before, points)
+            way = velocity
+        else:
+            way = trial.points - (self._committed_state.points if along == "step" else self.mesh.points)
+        worst = () if trial.quality is None else (cell.number for cell in trial.quality.worst)
+        return self.model.headroom(way, trial.points, np.fromiter(worst, dtype=np.int64))
 
     def swept(self, partition: int, faces: Integers | None) -> Floats:
         """Volumes that faces of a partition sweep from the committed state to the trial, length unit to the power d.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Protocol
 
-from mesh_motion_numerics.arrays import Floats
+from mesh_motion_numerics.arrays import Floats, Integers
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.mesh.roles import Patch
 from mesh_motion_numerics.method import Method
@@ -61,8 +61,10 @@ class Model(Protocol):
         """Quality of the mesh with its nodes at ``points`` (n, d)."""
         ...
 
-    def headroom(self, way: Floats, points: Floats) -> Headroom:
-        """The number of further steps like ``way`` (n, d) that the mesh at ``points`` (n, d) admits."""
+    def headroom(self, way: Floats, points: Floats, worst: Integers) -> Headroom:
+        """The number of further steps like ``way`` (n, d) that the mesh, with its ``worst`` (w,) cells, admits at
+        ``points`` (n, d).
+        """
         ...
 
     def why_no_slope(self) -> InvalidInput | None:

@@ -22,6 +22,8 @@ __all__ = ["WRITING", "Position"]
 
 WRITING = (State.READY, State.TRIAL, State.SUSPENDED)
 """States that become FROZEN when the disk fails in the background."""
+_STEPS = 1e-30, 1e30
+"""Smallest and largest time step, seconds: accelerations of others overflow."""
 
 
 class Position:
@@ -149,16 +151,19 @@ class Position:
             )
 
     def require_later(self, time: float | None) -> None:
-        """Raise unless ``time``, if given, is later than that of the last committed step.
+        """Raise unless ``time``, if given, is later than that of the last committed step, by a usable time step.
 
         Raises
         ------
         InvalidInput
         """
         last = self.time
-        if time is not None and last is not None and time <= last:
+        if time is None or last is None:
+            return
+        if not _STEPS[0] <= time - last <= _STEPS[1]:
+            by = "" if time <= last else f", by {_STEPS[0]:.0e} to {_STEPS[1]:.0e}"
             raise InvalidInput(
-                f"time: expected more than {last!r}, that of step {self.step}, got {time!r}",
+                f"time: expected more than {last!r}, that of step {self.step}{by}, got {time!r}",
                 code="INVALID_ARGUMENT.VALUE",
                 hint="give the time at the end of the step, in seconds; OPEN has the time of the reference mesh",
                 details={"field": "time", "value": float(time), "expected": float(last)},

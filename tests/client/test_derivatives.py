@@ -62,8 +62,9 @@ def test_arguments_that_are_not_numbers_are_refused_by_name(session, wrong):
         session.move(bulge(0.1), velocity="tangent", boundary_velocity=wrong)
     with pytest.raises(InvalidInput, match="boundary_velocity of patch 'left' must be numbers: "):
         session.move(bulge(0.1), velocity="tangent", boundary_velocity={"left": wrong})
-    with pytest.raises(InvalidInput, match="swept_faces must be whole numbers"):
-        session.move(bulge(0.1), report="swept", swept_faces=[[0.5, 1.0]])
+    for faces in ([[0.5, 1.0]], [[0, 1], [2]]):
+        with pytest.raises(InvalidInput, match="swept_faces must be whole numbers"):
+            session.move(bulge(0.1), report="swept", swept_faces=faces)
 
 
 def test_a_gradient_found_with_it_is_that_of_the_objective(session):

@@ -1,6 +1,8 @@
 """Number of further steps that a mesh admits: exact for straight motions, an early warning for others."""
 
 from collections.abc import Callable
+from itertools import pairwise
+from pathlib import Path
 
 import mesh_motion_kernels as kernels
 import numpy as np
@@ -11,10 +13,17 @@ from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.mesh.roles import Patch
 from mesh_motion_numerics.method import Method
 from mesh_motion_numerics.motion.motion import MotionModel
+from mesh_motion_numerics.motion.motion_found import Motion
 from mesh_motion_numerics.quality.headroom import HORIZON, headroom
 from mesh_motion_protocol.errors import QualityRefused
 
 from mesh_motion_server.session.factors import FactorCache
+
+NONE = np.empty(0, dtype=np.int64)
+
+
+def worst_of(motion: Motion) -> np.ndarray:
+    return np.array([cell.number for cell in motion.corrected.worst])
 
 
 def first_roots(points: np.ndarray, step: np.ndarray, cells: CellTable) -> np.ndarray:
@@ -38,14 +47,14 @@ def test_the_first_root_of_the_determinants(kind: str) -> None:
     for size in (0.001, 0.01, 0.03):
         points = mesh.points + 0.02 * numbers.uniform(-1.0, 1.0, mesh.points.shape)
         step = size * numbers.uniform(-1.0, 1.0, mesh.points.shape)
-        found = headroom(points, step, mesh.cells, mesh.sizes, "size", 0.0)
+        found = headroom(points, step, mesh.cells, mesh.sizes, "size", 0.0, NONE)
         expected = first_roots(points, step, mesh.cells)
         assert found.inversion == pytest.approx(expected.min(), rel=1e-9)
         steps, order = kernels.first_inversions(points, step, mesh.cells.nodes, HORIZON, len(mesh.cells))
         near = expected[order] < 0.999 * HORIZON
         np.testing.assert_allclose(steps[near], expected[order][near], rtol=1e-7)
         for s in (1.0 - 1e-9, 1.0 + 1e-9):
-            there = headroom(points + s * found.inversion * step, step, mesh.cells, mesh.sizes, "size", 0.0)
+            there = headroom(points + s * found.inversion * step, step, mesh.cells, mesh.sizes, "size", 0.0, NONE)
             assert (there.inversion == 0.0) == (s > 1.0)
             assert there.cell == found.cell or s < 1.0
 
@@ -88,14 +97,14 @@ def test_a_mesh_that_is_squeezed_evenly(kind: str) -> None:
     mesh = box_mesh(kind, 5)
     step = np.zeros_like(mesh.points)
     step[:, 0] = -0.1 * mesh.points[:, 0]
-    found = headroom(mesh.points, step, mesh.cells, mesh.sizes, "size", 0.25)
+    found = headroom(mesh.points, step, mesh.cells, mesh.sizes, "size", 0.25, NONE)
     assert found.inversion == pytest.approx(10.0, rel=1e-12)
     assert found.threshold == pytest.approx(7.5, rel=1e-3)
-    slow = headroom(mesh.points, 0.099 * step, mesh.cells, mesh.sizes, "size", 0.25)
+    slow = headroom(mesh.points, 0.099 * step, mesh.cells, mesh.sizes, "size", 0.25, NONE)
     assert slow.inversion == np.inf  # 101 steps
     assert slow.threshold == pytest.approx(7.5 / 0.099, rel=1e-3)
-    assert headroom(mesh.points, -step, mesh.cells, mesh.sizes, "size", -1.0).threshold == np.inf
-    assert headroom(mesh.points + 8.0 * step, step, mesh.cells, mesh.sizes, "size", 0.25).threshold == 0.0
+    assert headroom(mesh.points, -step, mesh.cells, mesh.sizes, "size", -1.0, NONE).threshold == np.inf
+    assert headroom(mesh.points + 8.0 * step, step, mesh.cells, mesh.sizes, "size", 0.25, NONE).threshold == 0.0
     assert HORIZON == 100.0  # as SPEC.md says
 
 
@@ -108,11 +117,11 @@ def run_of(
     points, found = model.points, []
     for k in range(1, 100):
         try:
-            after = model.move(points, way(model.points[model.roles.moving], k), factors).points
+            motion = model.move(points, way(model.points[model.roles.moving], k), factors)
         except QualityRefused as refusal:
             return found, k - 1 + (refusal.fraction or 0.0)
-        found.append(model.headroom(after - points, after).inversion)
-        points = after
+        found.append(model.headroom(motion.points - points, motion.points, worst_of(motion)).inversion)
+        points = motion.points
     raise AssertionError("the mesh does not end")
 
 
@@ -144,3 +153,25 @@ def test_a_correction_keeps_a_mesh_for_longer() -> None:
     late = [steps - (end - k) for k, steps in enumerate(found, start=1) if end - k < 10.0]
     assert max(late) < 1.0
     assert min(late) > -6.0
+
+
+def test_the_threshold_of_a_corrected_flag_is_known_five_steps_ahead() -> None:
+    """Cells that invert later reach it first: those that are the worst ones already."""
+    folder = Path(__file__).parents[2] / "examples" / "turek_hron_flag"
+    with np.load(folder / "mesh.npz") as file, np.load(folder / "motion.npz") as table:
+        cells = CellTable.from_arrays({"quad": file["cells_quad"], "triangle": file["cells_triangle"]})
+        names = ("flag", "cylinder", "walls", "inlet", "outlet")
+        patches = {name: Patch("moving" if name == "flag" else "fixed", file[f"patch_{name}"]) for name in names}
+        model = MotionModel.build(file["points"], cells, patches, Method())
+        highest = np.abs(table["displacement"]).max(axis=(1, 2)).argmax()
+        bent = table["displacement"][highest][np.argsort(table["node_ids"])]  # moving nodes ascend
+        assert (np.sort(table["node_ids"]) == model.roles.moving).all()
+    factors, rest = FactorCache(1 << 28), model.points[model.roles.moving]
+    steps = range(27, 35)  # of 5 % each
+    motions = [model.move(model.points, rest + 0.05 * k * bent, factors) for k in steps]
+    lowest = [motion.corrected.metric.min for motion in motions]
+    (last,) = (k for k in range(len(motions) - 1) if lowest[k] >= 0.2 > lowest[k + 1])
+    end = last + (lowest[last] - 0.2) / (lowest[last] - lowest[last + 1])
+    for k, (before, motion) in enumerate(pairwise(motions), start=1):
+        found = model.headroom(motion.points - before.points, motion.points, worst_of(motion)).threshold
+        assert found == pytest.approx(max(end - k, 0.0), rel=0.1)

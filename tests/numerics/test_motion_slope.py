@@ -205,12 +205,16 @@ def test_a_rigid_motion_of_everything_is_one_of_all_nodes() -> None:
     np.testing.assert_allclose(found, points @ spin.T + 0.7, atol=1e-12)
 
 
+FITTING = {"displacement": ("absolute",), "correction": ("none", "smooth"), "reduction": ("none",)}
+
+
 @pytest.mark.parametrize(
     ("choices", "key"),
     [
         ({"displacement": "relative"}, "displacement"),
         ({"displacement": "reanchored", "correction": "none"}, "displacement"),
         ({"displacement": "absolute", "correction": "optimised"}, "correction"),
+        ({"displacement": "relative", "correction": "optimised", "reduction": "greedy"}, "displacement"),
         ({"displacement": "absolute", "correction": "none", "reduction": "greedy"}, "reduction"),
     ],
 )
@@ -219,6 +223,9 @@ def test_a_method_that_has_none_is_refused_by_its_key(choices: dict[str, object]
     refusal = model.why_no_slope()
     assert refusal is not None
     assert refusal.details == {"setting": key}
+    wrong = [name for name, fits in FITTING.items() if getattr(model.method, name) not in fits]
+    ways_out = (f"{name} {' or '.join(map(repr, FITTING[name]))}" for name in wrong)
+    assert refusal.hint == f"open the session with {' and '.join(ways_out)}"
     with pytest.raises(InvalidInput, match=f"^{key} = "):
         model.slope(model.points, FactorCache(0))
 

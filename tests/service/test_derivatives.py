@@ -98,6 +98,14 @@ def test_wrong_rows_are_refused_by_the_first_of_them(whole: Any) -> None:
     (refused,) = asked(whole, Tangent, "velocity", [good])
     assert refused.code == "INVALID_ARGUMENT.NONFINITE"
     assert refused.details["node"] == whole.moving[0][3]
+    good[3, 1], good[5, 0] = 0.0, 1e300  # their products with the derivative overflow
+    (refused,) = asked(whole, Tangent, "velocity", [good])
+    assert (refused.code, refused.details["node"]) == ("INVALID_ARGUMENT.VALUE", whole.moving[0][5])
+    (refused,) = asked(whole, Cotangent, "weights", [np.full((144, 2), -1e76)])
+    assert "row 0 (node 0): component 0 is -1e+76, expected at most 1e+75" in refused.message
+    good[5, 0] = 1e75
+    (found,) = asked(whole, Tangent, "velocity", [good])
+    assert np.isfinite(found.velocity).all()
 
 
 def test_partitions_that_disagree_are_refused(store: Any) -> None:

@@ -23,9 +23,11 @@ LIMITS = ServerSettings(reserve_disk_bytes=0)
 TIMES = (0.5, 0.75, 0.8, 1.1, 1.15)
 
 
-def session(store: Any, meshes: list[PartitionMesh], name: str = SESSION, **options: Any) -> Driver:
+def session(
+    store: Any, meshes: list[PartitionMesh], name: str = SESSION, time: float = TIMES[0], **options: Any
+) -> Driver:
     d = meshes[0].points.shape[1]
-    spec = SessionSpec(session=name, token=TOKEN, dimension=d, partitions=len(meshes), time=TIMES[0], **options)
+    spec = SessionSpec(session=name, token=TOKEN, dimension=d, partitions=len(meshes), time=time, **options)
     driver = Driver(SessionHost.create(spec, store, limits=LIMITS, build_model=build_motion_model), meshes)
     driver.open()
     return driver
@@ -148,12 +150,18 @@ def test_partitions_get_what_one_gets(store: Any) -> None:
         ({"velocity": "bdf1"}, "INVALID_ARGUMENT.VALUE", "time is missing"),
         ({"velocity": "bdf2", "time": 0.6}, "FAILED_PRECONDITION", "open it with time_levels = 'bdf2'"),
         ({"time": 0.5}, "INVALID_ARGUMENT.VALUE", "expected more than 0.5, that of step 0, got 0.5"),
+        ({"time": 0.5 + 1e31}, "INVALID_ARGUMENT.VALUE", "of step 0, by 1e-30 to 1e+30, got 1e+31"),
         ({"velocity": "tangent"}, "INVALID_ARGUMENT.VALUE", "takes the velocities of the moving nodes"),
         ({"boundary_velocity": np.zeros((6, 2))}, "INVALID_ARGUMENT.VALUE", "takes no boundary_velocity"),
         (
             {"velocity": "tangent", "boundary_velocity": np.full((6, 2), np.inf)},
             "INVALID_ARGUMENT.NONFINITE",
             "boundary_velocity of partition 0, row 0 (node ",
+        ),
+        (
+            {"velocity": "tangent", "boundary_velocity": np.full((6, 2), -1e300)},
+            "INVALID_ARGUMENT.VALUE",
+            "component 0 is -1e+300, expected at most 1e+75",
         ),
         ({"swept_faces": np.array([[0, 1]])}, "INVALID_ARGUMENT.VALUE", "expected report 'swept', got ''"),
         (
@@ -199,6 +207,18 @@ def test_stored_levels_take_a_time_with_each_step(store: Any) -> None:
     assert (refused.code, refused.details["field"]) == ("INVALID_ARGUMENT.VALUE", "time")
     (committed,) = driver.all(Commit, step=1, time=0.75)
     assert committed.type == "COMMITTED"
+    driver.host.close()
+
+
+def test_a_step_too_short_for_its_accelerations_is_not_stored(store: Any) -> None:
+    """The levels of all later steps would be no numbers."""
+    driver = session(store, [boxed(6)], time=0.0, time_levels="bossak")
+    driver.all(Move, bulge(driver, 0.01), step=1)
+    (refused,) = driver.all(Commit, step=1, time=1e-200)
+    assert (refused.code, refused.details["field"]) == ("INVALID_ARGUMENT.VALUE", "time")
+    driver.all(Commit, step=1, time=1e-30)
+    (moved,) = driver.all(Move, bulge(driver, 0.02), step=2, time=1e-3, velocity="bossak")
+    assert np.isfinite(moved.velocity).all()
     driver.host.close()
 
 

@@ -388,9 +388,9 @@ def whole_numbers(values: ArrayLike, what: str) -> NDArray[Any]:
     """The values as an array of integers; no copy if they are one already."""
     try:
         _refuse_masked(values)
+        array = np.asarray(values)
     except ValueError as error:
         raise InvalidInput(f"{what} must be whole numbers: {error}", code="INVALID_ARGUMENT.DTYPE") from None
-    array = np.asarray(values)
     if array.size and not np.issubdtype(array.dtype, np.integer):
         mask = array.dtype == np.bool_
         raise InvalidInput(

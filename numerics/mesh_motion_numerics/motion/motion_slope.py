@@ -139,15 +139,16 @@ def why_no_slope(motion: StandardMotion) -> InvalidInput | None:
     """The reason in a method or a mesh why its motion has no derivative; None if it has one."""
     method = motion.method
     named = {"displacement": ("absolute",), "correction": ("none", "smooth"), "reduction": ("none",)}
-    for key, allowed in named.items():
-        value = getattr(method, key)
-        if value not in allowed:
-            return _no_slope(
-                f"{key} = {value!r}: the motion is no differentiable function of the boundary",
-                f"open the session with {key} {' or '.join(map(repr, allowed))}",
-                setting=key,
-            )
-    return None
+    wrong = {key: allowed for key, allowed in named.items() if getattr(method, key) not in allowed}
+    if not wrong:
+        return None
+    first = next(iter(wrong))
+    ways_out = (f"{key} {' or '.join(map(repr, allowed))}" for key, allowed in wrong.items())
+    return _no_slope(
+        f"{first} = {getattr(method, first)!r}: the motion is no differentiable function of the boundary",
+        f"open the session with {' and '.join(ways_out)}",
+        setting=first,
+    )
 
 
 def motion_slope(

@@ -140,10 +140,13 @@ class PreparedMesh:
         sliding = self.standard_motion.sliding
         return PossibleCrossing.build(self.points, self.cells, self.roles, self.coincident, sliding)
 
-    def headroom(self, way: Floats, points: Floats) -> Headroom:
-        """The number of further steps like ``way`` (n, d) that the mesh at ``points`` (n, d) admits."""
-        method = self.method
-        return headroom(points, way, self.cells, self.reference_sizes, method.quality_metric, method.quality_threshold)
+    def headroom(self, way: Floats, points: Floats, worst: Integers) -> Headroom:
+        """The number of further steps like ``way`` (n, d) that the mesh at ``points`` (n, d) admits.
+
+        ``worst`` (w,) are the worst cells there, as a judgement names them.
+        """
+        metric, threshold = self.method.quality_metric, self.method.quality_threshold
+        return headroom(points, way, self.cells, self.reference_sizes, metric, threshold, worst)
 
     def summary(self, points: Floats, quality: CellQuality | None = None) -> Judgement:
         """Quality of the mesh with its nodes at ``points`` (n, d), size relative to the reference mesh.

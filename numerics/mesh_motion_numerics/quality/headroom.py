@@ -15,7 +15,7 @@ __all__ = ["HORIZON", "Headroom", "headroom"]
 
 HORIZON = 100.0
 """Number of steps beyond which nothing is predicted."""
-_FIRST = 64  # number of cells that invert first; they decide when the threshold is reached
+_FIRST = 64  # number of cells that invert first; they and the worst cells decide when the threshold is reached
 _HALVINGS = 12  # halvings of the way to the inversion: accurate to 0.02 % of it
 
 
@@ -28,7 +28,8 @@ class Headroom:
     inversion : float
         Until the first cell inverts.
     threshold : float
-        Until a cell of those that invert first is below the quality threshold; 0 if the mesh is below it now.
+        Until a cell of those that invert first, or of the worst ones, is below the quality threshold; 0 if the mesh
+        is below it now.
     cell : int
         The cell that inverts first.
     """
@@ -38,7 +39,9 @@ class Headroom:
     cell: int
 
 
-def headroom(points: Floats, step: Floats, cells: CellTable, rest: AtRest, metric: str, threshold: float) -> Headroom:
+def headroom(
+    points: Floats, step: Floats, cells: CellTable, rest: AtRest, metric: str, threshold: float, worst: Integers
+) -> Headroom:
     """The headroom of a mesh that the last ``step`` (n, d) took to ``points`` (n, d); mesh length unit.
 
     The determinants of corners are polynomials along the step: their first root is exact. The real motion is straight
@@ -50,9 +53,11 @@ def headroom(points: Floats, step: Floats, cells: CellTable, rest: AtRest, metri
         The reference mesh, in the form of :func:`.cell_quality`.
     metric : str
         The quality metric of the ``threshold``.
+    worst : (w,) int64 array
+        The worst cells at ``points``: a cell that hardly changes any more may be the next below the threshold.
     """
     steps, first = kernels.first_inversions(points, step, cells.nodes, HORIZON, _FIRST)
-    nodes, few, few_at_rest = _only(cells, rest, np.sort(first))
+    nodes, few, few_at_rest = _only(cells, rest, np.union1d(first, worst))
     begin, way = points[nodes], step[nodes]
 
     def is_above(s: float) -> bool:
