@@ -45,6 +45,10 @@ _SAME = 1e-3
 _SIDE = "a side of one layer of cells"
 #: Size of the first motion, as a share of the extent of the moving patches.
 _SHARE = 0.05
+_STAYS = (
+    "# The body touches symmetry planes in all directions, so no translation keeps it on them: it stays.\n"
+    "# A table moves its nodes along each plane.\n"
+)
 
 
 def guessed_roles(mesh: MeshFile) -> dict[str, tuple[str, str]]:
@@ -129,13 +133,16 @@ def _planes(mesh: MeshFile, names: Sequence[str], body: Integers, facets: _Facet
 
 
 def _direction(axes: Floats, planes: Floats) -> Floats:
-    """(d,) the first of the ``axes`` (k, d) that lies in planes with the normals (p, d), or its nearest one in them."""
+    """(d,) the first of the ``axes`` (k, d) that lies in planes with the normals (p, d), or its nearest one in them.
+
+    It is 0 if no direction lies in all the planes.
+    """
     _, sizes, across = np.linalg.svd(planes)
     free = across[np.count_nonzero(sizes > _SAME) :]
     along = axes @ free.T @ free
     lengths = np.linalg.norm(along, axis=1)
     best = int(np.argmax(lengths > 0.5 * lengths.max()))
-    return np.asarray(along[best] / lengths[best] if lengths[best] > _SAME else axes[0])
+    return np.asarray(along[best] / lengths[best] if lengths[best] > _SAME else np.zeros(len(along[best])))
 
 
 def _layer(mesh: MeshFile) -> tuple[tuple[str, ...], OneLayer | None]:
@@ -211,6 +218,9 @@ def draft(mesh: MeshFile, folder: Path, zone: str = "") -> str:
         for bent in [clamped_bending(mesh, body, fixed, _SHARE, normal)]
         for name in body
     )
+    swings = direction
+    if not direction.any():
+        motions, swings = _STAYS + motions, axes[0]
     zoned = f"\nzone = {toml_text(zone)}" if zone else ""
     return f"""# Roles are guesses: check them. Then `mesh-motion check` and `mesh-motion play` with this file.
 # All keys: docs/reference/case_file.md. Lengths are in the mesh's unit, angles in degrees.
@@ -223,7 +233,7 @@ file = {toml_text(os.path.relpath(mesh.path, folder))}{zoned}
 
 # The total motion of a patch over all steps; several of one patch add up. Other kinds:
 # oscillation = {{ amplitude = 5.0, frequency = 0.05, {about} }}  # degrees, periods a step
-# oscillation = {{ amplitude = {_number(length)}, frequency = 0.05, direction = {_vector(direction)} }}
+# oscillation = {{ amplitude = {_number(length)}, frequency = 0.05, direction = {_vector(swings)} }}
 # table = "motion.npz"  # node_ids (n), displacement (steps, n, {mesh.dimension})
 {motions}
 [steps]

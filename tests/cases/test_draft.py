@@ -269,6 +269,24 @@ def test_the_first_motion_stays_in_the_symmetry_planes_that_a_body_touches(
     assert np.abs(moved).max() > 1e-3
 
 
+@pytest.mark.parametrize("d", [2, 3])
+@pytest.mark.parametrize("degrees", [0.0, 33.0])
+def test_a_body_in_the_corner_of_symmetry_planes_stays(tmp_path: Path, d: int, degrees: float) -> None:
+    """No translation keeps it on all of them; the file says so, and it is played."""
+    turn = turn_by(degrees, np.array([0.0, 0.0, 1.0]) if d == 2 else np.array([1.0, -2.0, 0.5]))[:d, :d]
+    points, cells = tensor_grid(*[np.linspace(0.0, 1.0, 7)] * d)
+    points, cells = without_unused(points, cells[(points[cells].mean(axis=1) > 0.4).any(axis=1)])
+    patches = {f"sym{k}": np.flatnonzero(points[:, k] == 0.0) for k in range(d)}
+    patches |= {"body": np.flatnonzero((points < 0.4).all(axis=1)), "far": np.flatnonzero((points == 1.0).any(axis=1))}
+    cell = {f"cells_{'quad' if d == 2 else 'hexahedron'}": cells}
+    np.savez(tmp_path / "mesh.npz", points=points @ turn.T, **cell, **{f"patch_{k}": v for k, v in patches.items()})
+    text = draft(read_mesh(tmp_path / "mesh.npz"), tmp_path)
+    assert "no translation keeps it on them" in text
+    assert tomllib.loads(text)["motion"][0]["rigid"]["translation"] == [0.0] * d
+    (tmp_path / "case.toml").write_text(text, encoding="utf-8")
+    assert not check(tmp_path / "case.toml", seconds=5.0).refused
+
+
 def test_a_patch_that_ends_at_one_periodic_side_does_not_move(tmp_path: Path) -> None:
     """An L: its lid ends at the right side, whose image has no lid."""
     points, cells = tensor_grid(np.linspace(0.0, 2.0, 9), np.linspace(0.0, 2.0, 9))

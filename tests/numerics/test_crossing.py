@@ -3,6 +3,7 @@ slide.
 """
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,8 @@ from mesh_motion_numerics.motion.crossing import NoMeshExists
 from mesh_motion_numerics.motion.motion import MotionModel
 from mesh_motion_numerics.motion.prepared_mesh import PreparedMesh
 from mesh_motion_protocol.errors import QualityRefused
-from sliding_meshes import rounded
+from periodic_meshes import periodic_box, sector
+from sliding_meshes import Mesh, rounded
 
 NO_MESH = "no valid mesh exists: the boundary would "
 
@@ -389,3 +391,48 @@ def test_a_baffle_may_bend_although_its_sides_are_meshed_differently() -> None:
     targets = points[model.roles.moving].copy()
     targets[:, 1] += 0.1 * np.sin(np.pi * targets[:, 0])
     assert not model.move(points, targets).corrected.inverted
+
+
+def wavy(kind: str) -> Mesh:
+    """A periodic row between two walls that slip, of which one is curved."""
+    n, axes = (10, "x") if kind == "quad" else (5, "xz")
+    points, cells, patches = periodic_box(kind, n, axes=axes, ends="slip")
+    points[:, 1] *= 1.0 + 0.05 * np.sin(2.0 * np.pi * points[:, 0])
+    return points, cells, patches
+
+
+LEFT = {
+    **{f"out of the tip of {n} sectors": (partial(sector, "quad", sectors=n, ends="slip"), 1.0) for n in (3, 8, 48)},
+    "through the hub": (partial(sector, "quad", ends="slip"), -1.1),
+    "out of the tip in space": (partial(sector, "hexahedron", 5, ends="slip"), 1.0),
+    "out of a fixed tip": (partial(sector, "quad + triangle"), 1.0),
+    "through a curved wall of a row": (partial(wavy, "quad"), 1.2),
+    "through the plane wall of a row": (partial(wavy, "quad"), -1.2),
+    "through a curved wall of a row in space": (partial(wavy, "hexahedron"), 1.2),
+}
+
+
+@pytest.mark.parametrize("case", LEFT)
+def test_a_body_that_leaves_a_periodic_domain_is_refused_without_a_search(case: str) -> None:
+    make, far = LEFT[case]
+    points, cells, patches = make()
+    model = MotionModel.build(points, cells, patches, Method())
+    up = np.eye(points.shape[1])[1]
+    if "row" not in case:
+        body = points[model.roles.moving].mean(axis=0)
+        up = np.concatenate([body[:2], np.zeros(points.shape[1] - 2)]) / np.linalg.norm(body[:2])
+    rest = points[model.roles.moving]
+    with pytest.raises(NoMeshExists, match="the boundary would leave its side of another part near"):
+        model.boundary.refuse(points, rest + far * up)
+    model.boundary.refuse(points, rest + 0.05 * np.sign(far) * up)
+
+
+@pytest.mark.parametrize("kind", ["quad", "hexahedron"])
+def test_a_moving_tip_may_go_beyond_all_other_walls(kind: str) -> None:
+    """The mesh is on its inner side."""
+    points, cells, patches = sector(kind, 10 if kind == "quad" else 5, ends="slip")
+    roles = patches | {"x1": Patch("moving", patches["x1"].nodes), "body": Patch("slip", patches["body"].nodes)}
+    model = MotionModel.build(points, cells, roles, Method())
+    targets = points[model.roles.moving]
+    targets[:, :2] *= 1.1
+    assert model.move(points, targets).corrected.inverted == 0

@@ -46,15 +46,21 @@ def test_a_large_motion_is_corrected_before_any_node_moves() -> None:
     assert np.array_equal(motion.points[fixed], model.points[fixed])
 
 
-def test_a_refusal_without_a_correction_takes_two_plain_motions(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The motion to its targets and that to the acceptable fraction: the first one shows what lies between."""
+@pytest.mark.parametrize(("degrees", "shift"), [(0.0, (0.7, 0.0)), (0.0, (900.0, 0.0)), (170.0, (0.0, 0.0))])
+def test_a_refusal_without_a_correction_takes_one_plain_motion(
+    degrees: float, shift: tuple[float, float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """That to its targets: it shows what lies between."""
     model = model_of(correction="none")
-    trial, made = StandardMotion.trial, []
-    monkeypatch.setattr(StandardMotion, "trial", lambda self, *given: made.append(self) or trial(self, *given))
-    with pytest.raises(QualityRefused) as refusal:
-        model.move(model.points, targets_of(model, shift=(0.7, 0.0)))
-    assert refusal.value.fraction
-    assert len(made) == 2
+    trial, made, targets = StandardMotion.trial, [], targets_of(model, degrees, shift)
+    with monkeypatch.context() as counting:
+        counting.setattr(StandardMotion, "trial", lambda self, *given: made.append(self) or trial(self, *given))
+        with pytest.raises(QualityRefused) as refusal:
+            model.move(model.points, targets)
+    assert len(made) == 1
+    rest, fraction = model.points[model.roles.moving], refusal.value.fraction
+    assert (fraction > 0.0) == (shift[0] < 100.0)
+    assert model.move(model.points, rest + fraction * (targets - rest)).corrected.inverted == 0
 
 
 def test_the_fraction_is_looked_for_with_corrections_that_stop_at_a_valid_mesh(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -105,7 +111,9 @@ def test_the_fraction_of_a_refusal_is_accepted(
 @given(
     seed=st.integers(0, 2**32 - 1),
     frame=st.sampled_from(["reference", "committed"]),
-    asked=st.sampled_from([{}, {"refuse_below_threshold": True}, {"quality_metric": "relative-size-skew"}]),
+    asked=st.sampled_from(
+        [{}, {"correction": "none"}, {"refuse_below_threshold": True}, {"quality_metric": "relative-size-skew"}]
+    ),
 )
 def test_sending_back_the_fraction_of_a_refusal_is_accepted_in_either_frame(seed: int, frame: str, asked: Any) -> None:
     rng = np.random.default_rng(seed)

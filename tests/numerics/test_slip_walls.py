@@ -11,7 +11,7 @@ from mesh_motion_numerics.mesh.sliding import SlidingSurfaces
 from mesh_motion_numerics.method import Method
 from mesh_motion_numerics.motion.motion import MotionModel
 from mesh_motion_protocol.errors import QualityRefused
-from sliding_meshes import rounded
+from sliding_meshes import duct, rounded
 
 CORNERS = {"quad": ((0, 1, 3), (1, 2, 0), (2, 3, 1), (3, 0, 2)), "triangle": ((0, 1, 2),), "tetra": ((0, 1, 2, 3),)}
 PLAIN = {"correction": "none", "allow_invalid": True}
@@ -227,6 +227,36 @@ def test_walls_without_an_end_are_never_worse_than_fixed_ones(d, power, shift, a
             least[role] = -np.inf
     goal = least["fixed"] if correction != "optimised" else min(least["fixed"], 0.2)
     assert least["slip"] >= goal - 0.05
+
+
+@pytest.mark.slow
+@settings(max_examples=80)
+@given(
+    kind=st.sampled_from(["quad", "quad + triangle", "tetra", "wedge"]),
+    bend=st.floats(0.3, 1.5),
+    shift=st.tuples(*[st.floats(-0.25, 0.25)] * 3),
+    angle=st.floats(-0.9, 0.9),
+)
+@example(kind="quad", bend=0.8, shift=(0.1816, 0.0207, 0.0), angle=-0.5838)  # 0.124 worse
+@example(kind="quad", bend=1.5, shift=(-0.06, 0.02, 0.0), angle=0.8)  # 0.1 worse
+def test_curved_walls_between_fixed_ends_are_never_worse_than_fixed_ones(kind, bend, shift, angle) -> None:
+    """Their nodes crowded at the ends of the walls, where no correction moved them: worse by up to 0.124.
+
+    At most 0.028 in 400 random motions, and better by 0.048 in the mean.
+    """
+    points, cells, patches = duct(kind, 10 if kind.startswith("quad") else 5, bend=bend)
+    least, d = {}, points.shape[1]
+    for role in ("slip", "fixed"):
+        roles = {name: Patch(role if p.role == "slip" else p.role, p.nodes) for name, p in patches.items()}
+        model = MotionModel.build(points, cells, roles, Method())
+        body = points[model.roles.moving]
+        try:
+            found = model.move(points, turned(body - body.mean(axis=0), angle) + body.mean(axis=0) + shift[:d])
+        except QualityRefused:
+            least[role] = -np.inf
+        else:
+            least[role] = found.corrected.metric.min
+    assert least["slip"] >= least["fixed"] - 0.04
 
 
 @pytest.mark.parametrize("shift", [(-0.2, 0.1), (-0.15, -0.15), (-0.1, 0.25)])

@@ -27,7 +27,7 @@ from mesh_motion_numerics.mesh.paths import RigidMotion
 from mesh_motion_numerics.mesh.rigid_transforms import Transform
 from mesh_motion_numerics.mesh.smooth_pieces import Piece, sides, smooth_pieces
 from mesh_motion_numerics.mesh.surface_constraints import Held, OnFacets, OnPlanes, SurfaceConstraint
-from mesh_motion_numerics.mesh.wall_lines import WallLine, wall_lines
+from mesh_motion_numerics.mesh.wall_lines import EvenedLine, WallLine, wall_lines
 
 __all__ = ["ACROSS", "SlidingSurfaces"]
 
@@ -145,6 +145,21 @@ class SlidingSurfaces:
         for line in self.lines:
             out[line.nodes] = line.in_order(positions[line.nodes], known[line.nodes])
         return out
+
+    def evened(self, before: Floats, positions: Floats, known: Marks) -> Floats:
+        """The nodes' positions (n, d) after a motion from ``before`` (n, d); spacings on curved lines change less."""
+        out = positions.copy()
+        for line in self.evened_lines(before, positions, known):
+            out[line.nodes] = line.places
+        return out
+
+    def evened_lines(self, before: Floats, positions: Floats, known: Marks) -> list[EvenedLine]:
+        """The curved lines of :meth:`evened`, with their derivatives."""
+        return [
+            EvenedLine.build(line, before[line.nodes], positions[line.nodes], known[line.nodes])
+            for line in self.lines
+            if not line.is_straight
+        ]
 
     def admitted(self, rigid: RigidMotion, positions: Floats) -> RigidMotion | None:
         """The rigid motion without its shift across plane walls; None if the walls do not map onto themselves.

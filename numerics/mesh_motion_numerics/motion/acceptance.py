@@ -22,7 +22,7 @@ __all__ = [
 _COARSE, _FINE = 1 / 31, 1 / 60
 #: Shares of the range between the largest fraction that is valid without a correction and the largest possible one, at
 #: which a correction is tried.
-_SHARES = (0.7, 0.3)
+_SHARES = (0.3, 0.7)
 #: A fraction of the largest possible one, tried first: closer to it the correction takes many times as long.
 _NEARLY = 0.95
 _LEAST = 0.004
@@ -93,10 +93,11 @@ def largest_accepted(
 ) -> float:
     """The largest accepted fraction of a refused displacement among the few that are tried; 0 if none is accepted.
 
-    Corrections are expensive. If the boundary alone forbids the whole displacement, a fraction just below the largest
-    ``possible`` one is tried first: in most domains a mesh can be moved this far, and the boundary is cheap to test.
-    Otherwise, or if that is refused, a few fractions are tried between the largest one at which the motion is ``valid``
-    without a correction and the largest possible one; if all are refused, the result is the valid one.
+    Corrections are expensive, most of all those that find no mesh. If the boundary alone forbids the whole
+    displacement, a fraction just below the largest ``possible`` one is tried first: in most domains a mesh can be moved
+    this far, and the boundary is cheap to test. Otherwise, or if that is refused, a few fractions are tried between the
+    largest one at which the motion is ``valid`` without a correction and the largest possible one: the smallest first,
+    until one is refused. If all are refused, the result is the valid one.
 
     Parameters
     ----------
@@ -128,9 +129,14 @@ def largest_accepted(
         low = _bisected(valid, low or most, _COARSE)
     if certain and not corrected:
         return low
-    for fraction in (_thousandths(low + share * (most - low)) for share in _SHARES):
-        if fraction > low and accepts(fraction):
-            return fraction
+    shares = () if not corrected else _SHARES if whole else _SHARES[:1]
+    found = 0.0
+    for fraction in (_thousandths(low + share * (most - low)) for share in shares):
+        if fraction <= low or not accepts(fraction):
+            break
+        found = fraction
+    if found:
+        return found
     if certain or (low > 0.0 and accepts(low)):
         return low
     while low > _LEAST:

@@ -12,16 +12,17 @@ References
 A. Van Oosterom, J. Strackee, "The solid angle of a plane triangle", IEEE Trans. Biomed. Eng. 30 (1983) 125–126.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
 from mesh_motion_numerics.arrays import Floats, Integers, Marks
 from mesh_motion_numerics.mesh.boundary_orientation import closed_parts, of_one_width
 from mesh_motion_numerics.mesh.points import spread
+from mesh_motion_numerics.mesh.rigid_transforms import Transform
 from mesh_motion_numerics.mesh.smooth_pieces import area_vectors, as_simplices
 
-__all__ = ["MOST_BEYOND", "beyond", "contact_place", "left_place", "misplaced_place"]
+__all__ = ["MOST_BEYOND", "beyond", "contact_place", "left_place", "misplaced_place", "passed_place"]
 
 
 #: Smallest number of tested places, spread over all: a part that has left is found by any node that is outside …
@@ -38,6 +39,10 @@ _TOGETHER = 32
 _NEAR = 1e-8
 #: Number of facets of which those beyond curved walls are chosen.
 MOST_BEYOND = 256
+#: Nodes are equally far out if they differ by less, relative to the domain …
+_LEVEL = 1e-9
+#: … and facets that face inwards decide if all that face outwards do so by less than this share.
+_FLATTER = 0.5
 #: Steps of the search for a plane between a place and a cloud of points.
 _STEPS = 20
 #: Barycentric places of the tests: in the corners, at the sides and in the middle.
@@ -149,6 +154,80 @@ def left_place(
         walls = walls[beyond(points[walls], around)]
     chosen = spread(walls, _PROBES)
     return contact_place(facets, chosen, prescribed, reference, points)
+
+
+def passed_place(
+    facets: Mapping[str, Integers],
+    moving: Marks,
+    still: Marks,
+    generators: Sequence[Transform],
+    reference: Floats,
+    points: Floats,
+) -> Floats | None:
+    """The place (d,) of a body of a periodic domain that is farther out than all other walls; None if none is found.
+
+    How far out a place is does not differ between its images, and no inner place of a mesh is the farthest one. So the
+    farthest moving wall must have the mesh on its inner side.
+
+    Parameters
+    ----------
+    facets : dict of (f, k) int64 arrays
+        The whole boundary, pointing outwards, by type.
+    moving, still : (n,) bool arrays
+        Moving nodes; nodes on all other walls, which slide or are fixed.
+    generators : sequence of Transform
+    reference, points : (n, d) arrays, mesh length unit
+        Before and after the motion.
+    """
+    rows = of_one_width(facets)
+    rows = np.where(rows < 0, rows[:, :1], rows)  # triangles among quads
+    walls, bodies = (marks[rows].all(axis=1) for marks in (still, moving))
+    if not walls.any() or not bodies.any():
+        return None
+    extent = float(np.ptp(reference, axis=0).max())
+    corners = reference[rows[walls]]
+    size = float(np.linalg.norm(np.ptp(corners, axis=1), axis=1).max())
+    nodes, normals = np.unique(rows[bodies]), area_vectors(points, rows[bodies])
+    normals /= np.maximum(np.linalg.norm(normals, axis=1), np.finfo(float).tiny)[:, None]
+    for (limits, _), (heights, up), slack in _ways_out(generators, reference, points, size):
+        top = nodes[heights[nodes] >= heights[nodes].max() - _LEVEL * extent]
+        if heights[top[0]] <= limits[still].max() + slack + _LEVEL * extent:
+            continue
+        at = rows[bodies]
+        facing = np.einsum("fd,fkd->fk", normals, up[at])[np.isin(at, top)]
+        if facing.max() < -_FLATTER * facing.min():  # at an edge the flattest facet shows the side
+            return np.asarray(points[top[0]])
+    return None
+
+
+_Heights = tuple[Floats, Floats]
+
+
+def _ways_out(
+    generators: Sequence[Transform], reference: Floats, points: Floats, size: float
+) -> Iterator[tuple[_Heights, _Heights, float]]:
+    """Yield heights (n,) with gradients (n, d), of the places before and after a motion, that are equal for all images.
+
+    With each comes the height by which walls with facets of this size may rise above their nodes.
+    """
+    d = reference.shape[1]
+    if len(generators) == 1 and generators[0].turns:
+        rotation, shift = generators[0].rotation, generators[0].shift
+        turned = np.eye(d) - rotation
+        centre = np.linalg.lstsq(turned, shift, rcond=None)[0]
+        across = np.linalg.svd(turned)[2][:2]
+        flat = [(places - centre) @ across.T for places in (reference, points)]
+        radii = [np.linalg.norm(away, axis=1) for away in flat]
+        tiny = np.finfo(float).tiny
+        ups = [away / np.maximum(r, tiny)[:, None] @ across for away, r in zip(flat, radii, strict=True)]
+        for sign, slack in ((1.0, 0.0), (-1.0, size)):
+            yield (sign * radii[0], sign * ups[0]), (sign * radii[1], sign * ups[1]), slack
+    elif not any(generator.turns for generator in generators):
+        shifts = np.array([generator.shift for generator in generators])
+        free = np.linalg.svd(shifts)[2][np.linalg.matrix_rank(shifts) :]
+        for sign in (1.0, -1.0) if len(free) == 1 else ():
+            up = np.broadcast_to(sign * free, reference.shape)
+            yield (reference @ up[0], up), (points @ up[0], up), 0.0
 
 
 def contact_place(

@@ -23,9 +23,17 @@ from mesh_motion_numerics.mesh.boundary_orientation import outer_nodes, overturn
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.mesh.coincidence import CoincidentSides, linked_by_cells, met_nodes
 from mesh_motion_numerics.mesh.points import spread
+from mesh_motion_numerics.mesh.rigid_transforms import Transform
 from mesh_motion_numerics.mesh.roles import BoundaryRoles
 from mesh_motion_numerics.mesh.sliding import SlidingSurfaces
-from mesh_motion_numerics.motion.boundary_nesting import MOST_BEYOND, beyond, contact_place, left_place, misplaced_place
+from mesh_motion_numerics.motion.boundary_nesting import (
+    MOST_BEYOND,
+    beyond,
+    contact_place,
+    left_place,
+    misplaced_place,
+    passed_place,
+)
 from mesh_motion_numerics.motion.point_contact import meeting_place
 
 __all__ = ["NoMeshExists", "PossibleCrossing", "refuse_region"]
@@ -59,6 +67,8 @@ class PossibleCrossing:
         Sides with prescribed positions.
     curved : tuple of (p,) arrays
         The nodes of each curved wall on which nodes slide.
+    generators : tuple of Transform
+        Those of a periodic domain's images.
     """
 
     reference: Floats
@@ -68,6 +78,7 @@ class PossibleCrossing:
     known: Marks
     sides: CoincidentSides
     curved: tuple[Integers, ...] = ()
+    generators: tuple[Transform, ...] = ()
 
     @classmethod
     def build(
@@ -77,6 +88,7 @@ class PossibleCrossing:
         roles: BoundaryRoles,
         coincident: Integers,
         sliding: SlidingSurfaces | None = None,
+        generators: tuple[Transform, ...] = (),
     ) -> PossibleCrossing:
         """Build it for a checked mesh with ``coincident`` (c, 2) nodes."""
         facets, known = boundary_facets(cells), np.zeros(len(reference), dtype=bool)
@@ -86,7 +98,7 @@ class PossibleCrossing:
         own = BoundaryFacets.build(facets, roles.moving, still, len(reference))
         known[_on_planes(sliding, roles.moving[:0])] = True
         curved = () if sliding is None else tuple(piece.nodes for piece in sliding.pieces if piece.normal is None)
-        return cls(reference, cells, roles, own, known, sides, curved)
+        return cls(reference, cells, roles, own, known, sides, curved, generators)
 
     def refuse_passing(self, points: Floats, targets: Floats, refusal: QualityRefused | None = None) -> None:
         """Refuse a mesh in which two nodes at the same reference place pass through each other; errors as below."""
@@ -204,6 +216,18 @@ class PossibleCrossing:
             known = self.known.copy()
             known[self.roles.periodic] = True
             yield "touch or cross itself", contact_place(facets, still, known, reference, moved)
+            yield "leave its side of another part", self._passed_place(moved)
+
+    def _passed_place(self, moved: Floats) -> Floats | None:
+        """The :func:`.passed_place` of a mesh all of whose walls have a role."""
+        roles = self.roles
+        if not np.isin(self._boundary_nodes, np.concatenate([roles.all, roles.periodic])).all():
+            return None
+        moving, still = np.zeros((2, len(moved)), dtype=bool)
+        moving[roles.moving] = True
+        still[roles.fixed] = still[roles.sliding] = True
+        facets = boundary_facets(self.cells)
+        return passed_place(facets, moving, still, self.generators, self.reference, moved)
 
 
 def refuse_region(

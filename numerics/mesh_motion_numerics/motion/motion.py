@@ -272,23 +272,30 @@ class MotionModel(DifferentiableMesh):
         self, step: _Step, motion: StandardMotion, watch: Stopwatch, turns: Turns | None = None
     ) -> _Predicted:
         """Interpolate the motion and judge the mesh."""
-        if len(self.coincident) and not self.method.allow_invalid:
-            self.boundary.refuse_passing(step.committed, step.targets)
+        self._refuse_passing(step.committed, step.targets)
         predicted = self._predict(motion, step, watch, turns)
         if self.method.correction != "smooth" and motion.sliding is not None and predicted.quality.metric.min < _GOOD:
             held = self._predict(replace(motion, sliding=motion.sliding.held()), step, watch)
             gained = held.quality.metric.min - predicted.quality.metric.min
             if gained > (0.0 if predicted.quality.inverted else _WORSE):
                 predicted = held
-        quality = predicted.quality
+        self._refuse_impossible(predicted.trial.points, step.targets, predicted.quality)
+        return predicted
+
+    def _refuse_passing(self, points: Floats, targets: Floats) -> None:
+        """Refuse nodes at the same place at rest that would pass through each other."""
+        if len(self.coincident) and not self.method.allow_invalid:
+            self.boundary.refuse_passing(points, targets)
+
+    def _refuse_impossible(self, plain: Floats, targets: Floats, quality: Judgement) -> None:
+        """Refuse the plain motion (n, d), which has this quality, if the boundary alone shows that no mesh exists."""
         collapsed = quality.inverted > 0 or quality.metric.min < _COLLAPSED
         corrected = self.method.correction != "none" or not quality.inverted
         if not self.method.allow_invalid and (corrected if collapsed else self.boundary.may_overlap):
             # a correction would find no mesh, or one whose cells are all positive but overlap or have no size
             refusal = QualityRefused("", best=quality.metric.min, cells=[cell.number for cell in quality.worst])
             refuse = self.boundary.refuse if collapsed else self.boundary.refuse_overlap
-            refuse(predicted.trial.points, step.targets, refusal)
-        return predicted
+            refuse(plain, targets, refusal)
 
     def _predict(self, motion: StandardMotion, step: _Step, watch: Stopwatch, turns: Turns | None = None) -> _Predicted:
         factors = Recorded(step.factors)
@@ -435,8 +442,8 @@ class MotionModel(DifferentiableMesh):
         enough = self.with_method(correction_target="threshold")  # more costs much and gives the same
         if method.correction == "smooth" and method.sub_steps == "auto" and not method.refuse_below_threshold:
             # a fraction that no smooth motion reaches is corrected up to the threshold, or led there if that fails
-            valid = min(method.quality_threshold, _VALID)
-            enough = enough.with_method(correction="optimised", quality_threshold=valid)
+            least = min(method.quality_threshold, _VALID)
+            enough = enough.with_method(correction="optimised", quality_threshold=least)
         direct = enough.with_method(sub_steps="never")
         plain = self.with_method(sub_steps="never", correction="none")
         plain = replace(plain.without_distributions(), layered=None)
@@ -450,25 +457,57 @@ class MotionModel(DifferentiableMesh):
                 return not self.boundary.has_fault(step.committed, targets, kinds)
             return self._impossible(replace(step, targets=targets)) is None
 
+        between = self._between(step, whole)
+
+        def valid(fraction: float) -> bool:
+            if between is None:
+                return accepts(plain, fraction)
+            targets, points = whole.at(fraction), between(fraction)
+            try:
+                plain._refuse_passing(step.committed, targets)
+                quality = plain.summary(points)
+                plain._refuse_impossible(points, targets, quality)
+                refuse_unacceptable(plain.method, quality, quality.metric.min >= method.quality_threshold)
+            except QualityRefused:
+                return False
+            return True
+
         return largest_accepted(
             lambda fraction: accepts(direct, fraction),
-            lambda fraction: accepts(plain, fraction),
+            valid,
             possible,
             whole=exists,
             certain=certain,
             corrected=method.correction != "none",
-            expected=self._expected(step, whole),
+            expected=None if between is None else self._expected(between),
         )
 
-    def _expected(self, step: _Step, whole: BoundaryDisplacement) -> Callable[[float], bool] | None:
-        """Estimate whether the plain motion accepts a fraction of the ``whole`` displacement.
+    def _between(self, step: _Step, whole: BoundaryDisplacement) -> Callable[[float], Floats] | None:
+        """Return the plain motion (n, d) to a fraction of the ``whole`` displacement; None if it is not linear in it.
 
-        The estimate uses the cells that are not acceptable at the end of the displacement. None if the motion is not
-        nearly linear in the displacement, or has no such cells.
+        It is equal to the interpolated one up to rounding, and takes a tenth of the time.
         """
-        plain = self.standard_motion
-        if self.method.displacement == "reanchored" or not len(self.roles.fixed):
+        plain, method = self.standard_motion, self.method
+        if method.displacement == "reanchored" or method.reduction != "none":
             return None
+        if plain.sliding is not None or not len(self.roles.fixed):
+            return None
+
+        def interpolated(targets: Floats) -> Floats:
+            start = self.points if method.displacement == "absolute" else step.committed
+            if np.array_equal(targets, start[self.roles.moving]):
+                return start
+            return plain.trial(step.committed, targets, step.factors, Stopwatch()).points
+
+        known = step.plain if np.array_equal(whole.at(1.0), step.targets) else []
+        begin, end = interpolated(whole.at(0.0)), known[0] if known else interpolated(whole.at(1.0))
+        return lambda fraction: begin + fraction * (end - begin)
+
+    def _expected(self, between: Callable[[float], Floats]) -> Callable[[float], bool] | None:
+        """Estimate whether a plain motion is accepted at a fraction of it.
+
+        The estimate uses the cells that are not acceptable at its end; None if there are none.
+        """
         sizes, metric = self.reference_sizes, self.method.quality_metric
         threshold = self.method.quality_threshold if self.method.refuse_below_threshold else -np.inf
 
@@ -478,16 +517,8 @@ class MotionModel(DifferentiableMesh):
 
         if not np.isfinite(threshold):
             sizes = sizes_of(sizes)
-        targets, start = whole.at(1.0), step.committed
-        known = step.plain if np.array_equal(targets, step.targets) else []
-        end = known[0] if known else plain.trial(start, targets, step.factors, Stopwatch()).points
-        bad = np.flatnonzero(refused(cell_quality(end, self.cells, sizes)))
-
-        def accepted(fraction: float) -> bool:
-            between = start + fraction * (end - start)
-            return not refused(subset_quality(between, self.cells, sizes, bad)).any()
-
-        return accepted if len(bad) else None
+        bad = np.flatnonzero(refused(cell_quality(between(1.0), self.cells, sizes)))
+        return None if not len(bad) else lambda f: not refused(subset_quality(between(f), self.cells, sizes, bad)).any()
 
 
 def _may_be_avoided(refusal: QualityRefused) -> bool:

@@ -188,7 +188,8 @@ def _refuse_held_order(motion: StandardMotion, targets: Floats, plain: Floats, f
     """Raise if nodes are stopped from passing the end of their wall: the motion has a kink there."""
     if motion.sliding is None or not motion.sliding.lines:
         return
-    loose = replace(motion, sliding=replace(motion.sliding, lines=()))
+    lines = tuple(replace(line, keeps_order=False) for line in motion.sliding.lines)
+    loose = replace(motion, sliding=replace(motion.sliding, lines=lines))
     passing = np.abs(loose.trial(motion.reference, targets, factors, Stopwatch()).points - plain).max(axis=1) > 0.0
     if passing.any():
         raise QualityRefused(
@@ -350,6 +351,10 @@ def _of_walls(motion: StandardMotion, plain: Floats, factors: FactorSource) -> l
             if own.curved:
                 places = motion.following(rest, controls, plain, factors, Stopwatch()).positions(places)
         steps += [_of_wall(own.nodes, own.slope(places), following), _of_images(motion)]
+        if own.curved and 1 in wall.freedom() and not wall.only_carried:
+            now, known = plain.copy(), np.zeros(len(plain), dtype=bool) if layer is None else layer.known.copy()
+            now[own.nodes], known[followed] = own.project(places), True
+            steps += [_Linear(line.apply, line.transpose) for line in wall.evened_lines(rest, motion.tied(now), known)]
     return steps
 
 

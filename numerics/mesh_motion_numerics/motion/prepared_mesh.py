@@ -137,8 +137,9 @@ class PreparedMesh:
     @cached_property
     def boundary(self) -> PossibleCrossing:
         """The boundary of the mesh, with its tests for crossings."""
-        sliding = self.standard_motion.sliding
-        return PossibleCrossing.build(self.points, self.cells, self.roles, self.coincident, sliding)
+        sliding, periodic = self.standard_motion.sliding, self.standard_motion.periodic
+        images = () if periodic is None else periodic.generators
+        return PossibleCrossing.build(self.points, self.cells, self.roles, self.coincident, sliding, images)
 
     def headroom(self, way: Floats, points: Floats, worst: Integers) -> Headroom:
         """The number of further steps like ``way`` (n, d) that the mesh at ``points`` (n, d) admits.

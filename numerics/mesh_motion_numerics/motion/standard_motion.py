@@ -267,7 +267,7 @@ class StandardMotion:
         solved = self._solve(points, controls, prescribed[controls], factors, watch)
         with watch.phase("displace"):
             known = roles.all if self.layer is None else np.union1d(roles.all, np.flatnonzero(self.layer.known))
-            return self._tied(self._displaced(points, known, prescribed[known], solved.stage, factors)), solved
+            return self.tied(self._displaced(points, known, prescribed[known], solved.stage, factors)), solved
 
     def _slid(self, points: Floats, prescribed: Floats, factors: FactorSource, watch: Stopwatch) -> Floats:
         """The ``prescribed`` positions (n, d) with the sliding nodes on their surfaces."""
@@ -285,10 +285,11 @@ class StandardMotion:
             known = np.zeros(len(points), dtype=bool) if self.layer is None else self.layer.known.copy()
             own = ~known[wall.nodes]
             prescribed[wall.nodes[own]] = wall.project(places)[own]
-            prescribed = self._tied(prescribed)
+            prescribed = self.tied(prescribed)
             if 1 in wall.freedom():
                 known[followed] = True
-                prescribed[wall.nodes] = wall.project(wall.in_order(prescribed, known)[wall.nodes])
+                placed = prescribed if wall.only_carried else wall.evened(points, prescribed, known)
+                prescribed[wall.nodes] = wall.project(wall.in_order(placed, known)[wall.nodes])
         return prescribed
 
     def following(
@@ -395,7 +396,7 @@ class StandardMotion:
         renewed = plan_for(points, controls, self.roles, self.method, self.reach.smoothing)
         return two_scale_factorization_of(origin, bounding_box(points), renewed, factors)
 
-    def _tied(self, positions: Floats) -> Floats:
+    def tied(self, positions: Floats) -> Floats:
         """Positions (n, d) with periodic images placed by their roots, except the moving nodes."""
         return positions if self.periodic is None else self.periodic.tied(positions, left=self.roles.moving)
 
