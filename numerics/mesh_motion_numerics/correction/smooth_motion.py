@@ -72,7 +72,7 @@ _ONSET = 0.9  # quality at which a cell resists …
 _LARGE, _LATE_ONSET = 30_000, 0.5  # … and in a mesh of more nodes: fewer are free there, or a step takes seconds
 _CHUNK = 1 << 21  # corners whose neighbours are counted together: a few hundred megabytes
 _PINNED = 1e-8  # σ below which a node keeps its plain position
-_TOLERANCE = 1e-10  # largest Newton step of a node, as a share of the mesh's extent
+_TOLERANCE = 1e-10  # largest Newton step of a node, as a share of the region's extent
 _ITERATIONS = 40
 _ARMIJO, _HALVINGS = 1e-4, 40
 _CONVEX = (0.0, 1 / 64, 1 / 16, 1 / 4, 1.0)  # parts of a Hessian, tried in turn until it is positive definite
@@ -192,10 +192,6 @@ class SmoothMotion:
     def _sizes(self) -> Floats:
         return reference_sizes(self.reference, self.cells)
 
-    @cached_property
-    def _extent(self) -> float:
-        return float(np.ptp(self.reference, axis=0).max())
-
     def correct(self, plain: Floats, start: Callable[[], Floats] | None = None) -> Smoothed:
         """The corrected motion.
 
@@ -308,7 +304,7 @@ class SmoothMotion:
 
     def _descend(self, points: Floats, rest: Floats, region: SmoothRegion) -> Smoothed:
         """Newton's iterations."""
-        n, tolerance = region.free.n_free, _TOLERANCE * self._extent
+        n, tolerance = region.free.n_free, _TOLERANCE * float(np.ptp(rest, axis=0).max())
         energy, distortion = self._energy(points, rest, region)
         part, far, residual, last = 0, False, math.inf, math.inf  # last: the step before, if exact
         accuracy = ROUGH  # of conjugate gradients; the next step can be as small as an exact one
