@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from mesh_motion_server.files.moved import Place
 from mesh_motion_server.files.text import text_of
-from mesh_motion_server.files.vtk.grid import VtkGrid, structured_cells
+from mesh_motion_server.files.vtk.grid import VtkGrid, lattice, structured_cells
 
 __all__ = ["Legacy", "read_legacy"]
 
@@ -50,10 +50,10 @@ class Legacy:
         points, types, cells = self.points, self.types, self.cells
         if self.kind != "UNSTRUCTURED_GRID":
             if self.kind == "RECTILINEAR_GRID":
-                points = _lattice([self.axes.get(f"{axis}_COORDINATES", np.zeros(1)) for axis in "XYZ"])
+                points = lattice([self.axes.get(f"{axis}_COORDINATES", np.zeros(1)) for axis in "XYZ"])
             elif self.kind == "STRUCTURED_POINTS":
                 ranges = zip(self.origin, self.spacing, self.counts, strict=True)
-                points = _lattice(
+                points = lattice(
                     [(start + step * np.arange(count)).astype(np.float64) for start, step, count in ranges]
                 )
             if len(points) != np.prod(self.counts, dtype=np.int64):
@@ -64,12 +64,6 @@ class Legacy:
         if cells is None:
             raise ValueError("it has no CELLS")
         return VtkGrid(points, types, *cells, self.arrays["POINT_DATA"], self.arrays["CELL_DATA"])
-
-
-def _lattice(axes: list[Floats]) -> Floats:
-    """(n, 3) all points of three axes, the first fastest."""
-    z, y, x = np.meshgrid(*axes[::-1], indexing="ij")
-    return np.column_stack([x.ravel(), y.ravel(), z.ravel()])
 
 
 def read_legacy(data: bytes) -> Legacy:
