@@ -233,12 +233,17 @@ class _Cursor:
         )
 
     def _words(self, count: int) -> list[bytes]:
-        """The next words; a word and its blank have at least two bytes, and a value ends with its line."""
+        """The next words; a word and its blank have at least two bytes. NGSolve ends no line before a keyword."""
         words: list[bytes] = []
         while len(words) < count and self.position < len(self._data):
             end = self._data.find(b"\n", self.position + 2 * (count - len(words)) - 2)
             end = len(self._data) if end < 0 else end
-            words += self._data[self.position : end].split()
+            line = self._data[self.position : end]
+            words += line.split()
+            surplus = len(words) - count
+            if surplus > 0 and words[count][:1].isalpha():
+                end = self.position + len(line.rsplit(None, surplus)[0])
+                del words[count:]
             self.position = end + 1
         if len(words) != count:
             raise ValueError(
