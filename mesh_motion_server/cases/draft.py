@@ -5,7 +5,7 @@ or a far boundary; periodic sides without a partner are fixed, curved symmetry p
 the mesh, which does not reach the sides of the box around all nodes, is a moving body, and all other patches are
 fixed; if there is none, the patch that reaches farthest inside moves, but none that ends at one of two periodic
 sides. One layer of cells is treated as a 2D mesh. A body that is joined to a fixed patch bends; others are shifted,
-in the symmetry planes that they touch.
+in the symmetry planes that they touch; if these leave no direction, they slip.
 """
 
 import math
@@ -183,10 +183,6 @@ def draft(mesh: MeshFile, folder: Path, zone: str = "") -> str:
     sides, layer = _layer(mesh)
     facets = _facets_of(mesh)
     roles = _roles(mesh, sides, layer, facets)
-    patches = "\n".join(
-        f'{toml_key(name)} = "{role}"  # {len(mesh.patches[name])} nodes; {reason}'
-        for name, (role, reason) in roles.items()
-    )
     moving = [name for name, (role, _) in roles.items() if role == "moving"]
     nodes = np.unique(np.concatenate([mesh.patches[name] for name in moving]))
     body = mesh.points[nodes]
@@ -194,6 +190,14 @@ def draft(mesh: MeshFile, folder: Path, zone: str = "") -> str:
     axes = np.roll(np.eye(mesh.dimension), -1, axis=0) if layer is None else layer.axes[::-1]
     symmetric = [name for name, (role, _) in roles.items() if role == "symmetry" and name not in sides]
     planes = _planes(mesh, symmetric, nodes, facets)
+    if len(planes) and np.linalg.matrix_rank(planes, tol=_SAME) == len(axes):  # a hole in the corner of a quarter
+        corner = [name for name in symmetric if np.isin(mesh.patches[name], nodes).any()]
+        roles |= dict.fromkeys(corner, ("slip", "a symmetry plane that the moving patch leaves"))
+        planes = planes[:0]
+    patches = "\n".join(
+        f'{toml_key(name)} = "{role}"  # {len(mesh.patches[name])} nodes; {reason}'
+        for name, (role, reason) in roles.items()
+    )
     direction = _direction(axes, planes)
     normal = None if layer is None else np.cross(*layer.axes)
     if normal is None and len(planes) == 1 and mesh.dimension == 3:

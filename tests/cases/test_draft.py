@@ -269,6 +269,25 @@ def test_the_first_motion_stays_in_the_symmetry_planes_that_a_body_touches(
     assert np.abs(moved).max() > 1e-3
 
 
+@pytest.mark.parametrize("d", [2, 3])
+def test_symmetry_planes_slip_if_they_leave_the_body_in_their_corner_no_direction(tmp_path: Path, d: int) -> None:
+    """A quarter of a square with a hole, an eighth of a cube."""
+    side = np.linspace(0.0, 1.0, 7)
+    points, cells = tensor_grid(*[side] * d)
+    points, cells = without_unused(points, cells[(points[cells].mean(axis=1) > 0.4).any(axis=1)])
+    hole = (points < 0.51).all(axis=1) & (points > 0.49).any(axis=1)
+    planes = {axis: points[:, k] == 0.0 for k, axis in enumerate("xyz"[:d])}
+    nodes = {f"patch_{name}": np.flatnonzero(on) for name, on in (planes | {"hole": hole}).items()}
+    outer = np.flatnonzero((points == 1.0).any(axis=1))
+    kind = {2: "quad", 3: "hexahedron"}[d]
+    np.savez(tmp_path / "mesh.npz", points=points, **{f"cells_{kind}": cells}, **nodes, patch_outer=outer)
+    mesh = replace(read_mesh(tmp_path / "mesh.npz"), marked=dict.fromkeys(planes, "symmetry"))
+    text = draft(mesh, tmp_path)
+    assert tomllib.loads(text)["patches"] == dict.fromkeys(planes, "slip") | {"hole": "moving", "outer": "fixed"}
+    (tmp_path / "case.toml").write_text(text, encoding="utf-8")
+    assert not check(tmp_path / "case.toml", seconds=5.0).refused
+
+
 def test_a_patch_that_ends_at_one_periodic_side_does_not_move(tmp_path: Path) -> None:
     """An L: its lid ends at the right side, whose image has no lid."""
     points, cells = tensor_grid(np.linspace(0.0, 2.0, 9), np.linspace(0.0, 2.0, 9))
