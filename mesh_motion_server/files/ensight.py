@@ -23,7 +23,7 @@ from mesh_motion_server.files.mesh_file import MeshFile, assemble_elements, by_n
 from mesh_motion_server.files.moved import edit
 from mesh_motion_server.files.replace import replacing
 from mesh_motion_server.files.text import text_of
-from mesh_motion_server.files.vtk.grid import KNOWN_TYPES, structured_cells
+from mesh_motion_server.files.vtk.grid import KNOWN_TYPES, lattice, structured_cells
 from mesh_motion_server.files.vtk.pieces import numbering
 
 __all__ = ["ENSIGHT", "ENSIGHT_GEOMETRY"]
@@ -31,7 +31,7 @@ __all__ = ["ENSIGHT", "ENSIGHT_GEOMETRY"]
 _SHAPES = {"point": "", "bar": "line", "tria": "triangle", "quad": "quad", "tetra": "tetra", "pyramid": "pyramid",
            "penta": "wedge", "hexa": "hexahedron"}  # fmt: skip
 _ELEMENTS = re.compile(r"(g_)?([a-z]+?)(\d*)")
-_BLOCK = re.compile(r"block((?:\s+(?:curvilinear|iblanked|with_ghost|range))*)")
+_BLOCK = re.compile(r"block((?:\s+(?:curvilinear|rectilinear|uniform|iblanked|with_ghost|range))*)")
 _MODEL = re.compile(rb"(?im)^(\s*model:(?:[ \t]+\d+){0,2}[ \t]+)(\"[^\"\n]+\"|[^\s\"]+)(.*)$")
 
 
@@ -158,7 +158,7 @@ def _content(file: _Text | _Binary) -> list[_Part]:
                 line = file.text()
                 continue
             if kind.lower() != "coordinates":
-                raise ValueError(f"{kind[:40]!r} in the part {name!r}, expected its 'coordinates'{_ways(kind)}")
+                raise ValueError(f"{kind[:40]!r} in the part {name!r}, expected its 'coordinates' or a block")
             count = int(file.numbers(1)[0])
             if nodes_given:
                 file.numbers(count)
@@ -186,7 +186,10 @@ def _block(file: _Text | _Binary, name: str, flags: list[str]) -> _Part:
         counts = (high - low + 1).tolist()
     if min(counts) < 1:
         raise ValueError(f"the part {name!r} has a block of {counts} nodes")
-    part = _coordinates(file, name, math.prod(counts))
+    if "rectilinear" in flags or "uniform" in flags:
+        part = _Part(name, lattice(_axes(file, counts, "uniform" in flags)), [])
+    else:
+        part = _coordinates(file, name, math.prod(counts))
     code, nodes = structured_cells(counts)
     kept = np.ones(len(nodes), dtype=bool)
     if "iblanked" in flags:
@@ -204,6 +207,14 @@ def _block(file: _Text | _Binary, name: str, flags: list[str]) -> _Part:
     return part
 
 
+def _axes(file: _Text | _Binary, counts: list[int], uniform: bool) -> list[Floats]:
+    """The coordinates along x, y and z of a block without a list of points."""
+    if not uniform:
+        return [file.numbers(count, float).astype(np.float64) for count in counts]
+    origin, step = (file.numbers(3, float).astype(np.float64) for _ in range(2))
+    return [begin + by * np.arange(count) for begin, by, count in zip(origin, step, counts, strict=True)]
+
+
 def _given(kind: str, line: str) -> bool:
     """Whether the file has the numbers of its nodes or elements."""
     if (found := re.fullmatch(rf"(?i){kind} id (given|ignore|off|assign)", line)) is None:
@@ -213,8 +224,7 @@ def _given(kind: str, line: str) -> bool:
 
 def _ways(kind: str) -> str:
     """How to convert what is not read."""
-    found = {"block": "Merge Blocks", "nfaced": "Tetrahedralize"}.get(kind.lower().split(" ")[0])
-    return f"; ParaView's filter {found} makes cells of it that are read" if found else ""
+    return "; ParaView's filter Tetrahedralize makes cells of them that are read" if kind == "nfaced" else ""
 
 
 def _elements(file: _Text | _Binary, kind: re.Match[str], part: _Part, given: bool) -> list[tuple[str, Integers]]:
@@ -281,7 +291,7 @@ def _read(path: Path) -> MeshFile:
     Raises
     ------
     InvalidInput
-        For polyhedra and unknown elements, structured blocks that are not curvilinear, and malformed files.
+        For polyhedra and unknown elements, and malformed files.
     """
     parts, numbers, points = _numbered(path, _parts(path)[1])
     dimension, notes = parts[0].dimension, []
@@ -313,6 +323,8 @@ def _move(source: Path, target: Path, points: Floats) -> None:
     for part, rows in zip(parts, numbers, strict=True):
         own, moved = rows < len(points), part.points.copy()
         moved[own, : points.shape[1]] = points[rows[own]]
+        if not part.places:
+            raise InvalidInput(f"{source}: the block {part.name!r} has no list of points", hint="take .vtu")
         places += zip(part.places, moved.T, strict=True)
     edit(source, target, lambda _: file.changed(places))
 

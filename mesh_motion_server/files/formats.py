@@ -12,6 +12,7 @@ from mesh_motion_server.files.gmsh.mesh import GMSH
 from mesh_motion_server.files.inp import ABAQUS_INP
 from mesh_motion_server.files.mdpa import KRATOS
 from mesh_motion_server.files.med import MED
+from mesh_motion_server.files.medit import MEDIT
 from mesh_motion_server.files.mfem import MFEM
 from mesh_motion_server.files.npz import NPZ
 from mesh_motion_server.files.openfoam.polymesh import FOAM_FILE, OPENFOAM
@@ -75,12 +76,18 @@ FORMATS: tuple[Format, ...] = (
     XDMF,
     UNV,
     MFEM,
+    MEDIT,
     ENSIGHT,
     ENSIGHT_GEOMETRY,
     OPENFOAM,
     FOAM_FILE,
     _named("a Nastran deck", (".bdf", ".nas"), rb"(?m)^(GRID\*?[ ,]|BEGIN BULK|CEND\b)", _BY_GMSH),
-    _named("a Medit mesh", (".mesh", ".meshb"), rb"\A(\s|#.*\n)*MeshVersionFormatted", _BY_GMSH),
+    _named(
+        "a binary Medit mesh",
+        (".meshb",),
+        rb"\A(\x01\0\0\0[\x01-\x04]\0\0\0|\0\0\0\x01\0\0\0[\x01-\x04])",
+        "its program writes text too, with the ending .mesh",
+    ),
     _named("an MFEM mesh of another kind", (".mesh", ".mfem"), rb"\AMFEM ", _BY_MFEM),
     _named(
         "a FreeFEM mesh",

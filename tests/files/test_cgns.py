@@ -459,8 +459,11 @@ def test_damaged_bytes_give_invalid_input_only(tmp_path: Path, all_solids: tuple
     assert process.exitcode == 0
 
 
-def blocks(path: Path, *, linked: bool) -> Path:
-    """The box of eight hexahedra in two structured zones, as pyHyp writes them; the second counts y down, z, then x."""
+def blocks(path: Path, *, linked: bool, names: tuple[str, str] = ("right", "right")) -> Path:
+    """The box of eight hexahedra in two structured zones, as pyHyp writes them; the second counts y down, z, then x.
+
+    ``names`` of the second zone and of the donor of the first one.
+    """
     root = new_cgns(path)
     base = add_node(root, "Base", "CGNSBase_t", np.array([3, 3]))
     for name in ("wall", "far"):
@@ -468,7 +471,7 @@ def blocks(path: Path, *, linked: bool) -> Path:
         add_node(family, "FamilyBC", "FamilyBC_t", "BCWall")
     lattice = POINTS.reshape(3, 3, 3, 3)  # x, y, z
     left, right = lattice[:2], lattice[1:, ::-1].transpose(1, 2, 0, 3)
-    for name, points in (("left", left), ("right", right)):
+    for name, points in (("left", left), (names[0], right)):
         sizes = np.array(points.shape[:3])
         zone = add_node(base, name, "Zone_t", np.stack([sizes, sizes - 1, 0 * sizes]))
         add_node(zone, "ZoneType", "ZoneType_t", "Structured")
@@ -489,7 +492,7 @@ def blocks(path: Path, *, linked: bool) -> Path:
                 add_node(bc, "GridLocation", "GridLocation_t", "IJK"[z] + "FaceCenter")
         if linked and name == "left":  # x = 2 there, y and z of the left are -i and j of the right, its k = 1
             links = add_node(zone, "ZoneGridConnectivity", "ZoneGridConnectivity_t")
-            link = add_node(links, "to right", "GridConnectivity1to1_t", "right")
+            link = add_node(links, "to right", "GridConnectivity1to1_t", names[1])
             add_node(link, "PointRange", "IndexRange_t", np.array([[2, 1, 1], [2, 3, 3]]))
             add_node(link, "PointRangeDonor", "IndexRange_t", np.array([[3, 1, 1], [1, 3, 1]]))
             add_node(link, "Transform", '"int[IndexDimension]"', np.array([3, -1, 2]))
@@ -514,6 +517,15 @@ def test_structured_zones_are_one_mesh_and_come_back(tmp_path: Path, linked: boo
     np.testing.assert_array_equal(after.points, mesh.points / 3)
     np.testing.assert_array_equal(after.cells["hexahedron"], mesh.cells["hexahedron"])
     assert len(read_mesh(tmp_path / "m.cgns", "left").points) == 18
+
+
+def test_a_zone_that_gmsh_names_with_and_without_a_blank_is_one(tmp_path: Path) -> None:
+    """Gmsh 4.15: the zone fluid_S00002, which the connections call "fluid S00002"."""
+    mesh = read_mesh(blocks(tmp_path / "m.cgns", linked=True, names=("the_right", "the right")))
+    assert len(mesh.points) == 27
+    mesh = read_mesh(blocks(tmp_path / "m.cgns", linked=True, names=("right", "other")))
+    assert len(mesh.points) == 36
+    assert mesh.notes[-1] == "the connection 'to right' is a boundary: no zone 'other' is read"
 
 
 def test_a_connection_to_what_is_not_there_is_refused(tmp_path: Path) -> None:

@@ -25,6 +25,7 @@ from format_files import (
     fluent,
     kratos,
     med,
+    medit,
     mfem,
     mfem_by_axes,
     rows,
@@ -165,9 +166,8 @@ def test_vtk_reads_the_same_cells_of_fluent(tmp_path: Path) -> None:
     ("name", "content", "message"),
     [
         ("m.msh", "solid x\n facet normal 0 0 1\n", r"a surface \(STL\), which is not read \(it has no cells"),
-        ("m.meshb", "MeshVersionFormatted 2\n", r"a Medit mesh, which is not read \(Gmsh reads it: gmsh FILE -save"),
+        ("m.meshb", "\1\0\0\0\2\0\0\0", r"a binary Medit mesh, which is not read \(its program writes text too"),
         ("m.bdf", "SOL 101\nCEND\nBEGIN BULK\n", r"a Nastran deck, which is not read"),
-        ("m.mesh", "MeshVersionFormatted 2\n", "a Medit mesh, which is not read"),
         (
             "m.mesh",
             "MFEM NURBS mesh v1.0\n",
@@ -879,6 +879,43 @@ def test_tags_of_fenics_are_patches_and_a_series_is_one_mesh(tmp_path: Path, spa
     assert lists(mesh.patches) == {"3": [0, 1], "7": [2, 3]}
 
 
+def _hyperslabs(path: Path, rows_of: str) -> Path:
+    """A quadrilateral whose points are every second row of an array, and its edges with the marks in a column."""
+    points = " ".join(map(str, np.repeat([[0.0, 0], [1, 0], [1, 1], [0, 1]], 2, axis=0).ravel().tolist()))
+    slab = '<DataItem ItemType="HyperSlab" Dimensions="{}"><DataItem Dimensions="3 2">{}</DataItem>{}</DataItem>'
+    whole = f'<DataItem Dimensions="8 2">{points}</DataItem>'
+    marks = slab.format("2", "0 1 1 1 2 1", '<DataItem Dimensions="2 2" NumberType="Int">9 3 9 7</DataItem>')
+    path.write_text(
+        '<Xdmf Version="3.0"><Domain><Grid Name="mesh"><Topology TopologyType="Quadrilateral">'
+        '<DataItem Dimensions="1 4">0 1 2 3</DataItem></Topology>'
+        f'<Geometry GeometryType="XY">{slab.format("4 2", rows_of, whole)}</Geometry></Grid>'
+        '<Grid Name="edges"><Topology TopologyType="Polyline" NodesPerElement="2">'
+        '<DataItem Dimensions="2 2">0 1 2 3</DataItem></Topology>'
+        f'<Geometry Reference="XML">/Xdmf/Domain/Grid/Geometry</Geometry>'
+        f'<Attribute Name="patch" Center="Cell">{marks}</Attribute></Grid></Domain></Xdmf>'
+    )
+    return path
+
+
+def test_hyperslabs_of_xdmf_are_parts_of_arrays(tmp_path: Path) -> None:
+    mesh = read_mesh(_hyperslabs(tmp_path / "m.xdmf", "0 0 2 1 4 2"))
+    assert mesh.points.tolist() == [[0, 0], [1, 0], [1, 1], [0, 1]]
+    assert lists(mesh.patches) == {"3": [0, 1], "7": [2, 3]}
+    with pytest.raises(InvalidInput, match=r"its points are a part of a larger array \(HyperSlab\) \(take \.vtu\)"):
+        write_mesh(tmp_path / "moved.xdmf", replace(mesh, points=mesh.points / 3))
+    one_line(_hyperslabs(tmp_path / "m.xdmf", "0 0 2 1 5 2"), "from 0 to 8 by 2 in direction 0, in .* has 8 rows")
+    one_line(_hyperslabs(tmp_path / "m.xdmf", "0 -1 2 1 4 2"), "from -1 to 0 by 1 in direction 1")
+
+
+def test_grids_on_two_parts_of_an_array_are_two_pieces(tmp_path: Path) -> None:
+    one = _hyperslabs(tmp_path / "m.xdmf", "0 0 2 1 4 2").read_text()
+    grid = one[one.index("<Grid") : one.index("</Grid>") + 7]
+    other = grid.replace("0 0 2 1 4 2", "1 0 2 1 4 2").replace('"mesh"', '"other"').replace("1.0", "2.0")
+    (tmp_path / "m.xdmf").write_text(f"<Xdmf><Domain>{grid}{other}</Domain></Xdmf>")
+    mesh = read_mesh(tmp_path / "m.xdmf")
+    assert mesh.points.tolist() == [[0, 0], [1, 0], [1, 1], [0, 1], [2, 0], [2, 2], [0, 2]]
+
+
 @pytest.mark.parametrize("kind", ["3DSMesh", "3DRectMesh", "3DCoRectMesh"])
 def test_structured_grids_of_xdmf(tmp_path: Path, kind: str) -> None:
     """Dimensions and points run with x fastest, as VTK's."""
@@ -1248,6 +1285,31 @@ def test_structured_parts_of_ensight_are_one_mesh(tmp_path: Path, flags: str, n_
     assert lists(after.patches) == lists(mesh.patches)
 
 
+@pytest.mark.parametrize("kind", ["rectilinear", "uniform"])
+def test_blocks_of_ensight_without_a_list_of_points(tmp_path: Path, kind: str) -> None:
+    """VTK's reader finds the same points; they cannot be moved in this format."""
+    axes = [[1.0, 1.5, 2.0], [0.0, 4.0], [-1.0, 0.0, 1.0]]
+    numbers = [of for axis in axes for of in axis] if kind == "rectilinear" else [1.0, 0.0, -1.0, 0.5, 4.0, 1.0]
+    (tmp_path / "m.geo").write_text(
+        f"a\nb\nnode id off\nelement id off\npart\n1\nair\nblock {kind} iblanked\n3 2 3\n"
+        + rows([[of] for of in numbers])
+        + rows([[int(node != 0)] for node in range(18)])
+    )
+    mesh = read_mesh(tmp_path / "m.geo")
+    np.testing.assert_array_equal(mesh.points, [[x, y, z] for z in axes[2] for y in axes[1] for x in axes[0]])
+    assert lists(mesh.cells)["hexahedron"][0] == [1, 2, 5, 4, 7, 8, 11, 10]
+    assert mesh.n_cells == 3
+    with pytest.raises(InvalidInput, match=r"the block 'air' has no list of points \(take \.vtu\)"):
+        write_mesh(tmp_path / "moved.geo", replace(mesh, points=mesh.points / 3))
+    reading = pytest.importorskip("vtkmodules.vtkIOEnSight")
+    (tmp_path / "m.case").write_text("FORMAT\ntype: ensight gold\nGEOMETRY\nmodel: m.geo\n")
+    reader = reading.vtkEnSightGoldReader()
+    reader.SetCaseFileName(str(tmp_path / "m.case"))
+    reader.Update()
+    theirs = reader.GetOutput().GetBlock(0)
+    np.testing.assert_array_equal([theirs.GetPoint(node) for node in range(18)], mesh.points)
+
+
 def test_vtk_reads_the_same_structured_parts_of_ensight(tmp_path: Path) -> None:
     reading = pytest.importorskip("vtkmodules.vtkIOEnSight")
     numpy_support = pytest.importorskip("vtkmodules.util.numpy_support")
@@ -1262,6 +1324,67 @@ def test_vtk_reads_the_same_structured_parts_of_ensight(tmp_path: Path) -> None:
     mesh = read_mesh(tmp_path / "m.case")
     np.testing.assert_array_equal(mesh.points[: len(theirs)].astype(np.float32), theirs)
     assert mesh.cells["hexahedron"][0].tolist() == [low.GetCell(1).GetPointId(corner) for corner in range(8)]
+
+
+def test_medit_comes_back_with_moved_nodes(tmp_path: Path) -> None:
+    medit(tmp_path / "m.mesh")
+    mesh = read_mesh(tmp_path / "m.mesh")
+    np.testing.assert_array_equal(mesh.points, POINTS)
+    np.testing.assert_array_equal(mesh.cells["hexahedron"], CELLS)
+    assert lists(mesh.patches) == {str(k): of.tolist() for k, of in enumerate(PATCHES.values(), start=1)}
+    moved = mesh.points * [1.5, 1.0, 1 / 3] + 0.1
+    write_mesh(tmp_path / "moved.mesh", replace(mesh, points=moved))
+    after = read_mesh(tmp_path / "moved.mesh")
+    np.testing.assert_array_equal(after.points, moved)
+    write_mesh(tmp_path / "back.mesh", replace(after, points=mesh.points))
+    assert (tmp_path / "back.mesh").read_bytes().split() == (tmp_path / "m.mesh").read_bytes().split()
+
+
+def test_gmsh_reads_the_moved_medit_file(tmp_path: Path) -> None:
+    medit(tmp_path / "m.mesh")
+    mesh = read_mesh(tmp_path / "m.mesh")
+    write_mesh(tmp_path / "moved.mesh", replace(mesh, points=POINTS / 3))
+    with quiet_gmsh() as gmsh:
+        gmsh.open(str(tmp_path / "moved.mesh"))
+        _, theirs, _ = gmsh.model.mesh.getNodes()
+    assert sorted(theirs.reshape(-1, 3).tolist()) == sorted((POINTS / 3).tolist())
+
+
+_PLANE = (
+    'MeshVersionFormatted 1 # of FreeFEM\nDimension 2\nIdentifier\n"Made by Triangles 4"\n'
+    "Vertices 5\n0 0 1\n2 0 1\n0 2 1\n# middles\n1 1 0\n1 0 0\n"
+    "EdgesP2 1\n1 2 5 -4\nTriangles 1\n1 2 3 0\nEnd"
+)
+
+
+def test_medit_in_the_plane_with_comments_and_second_order(tmp_path: Path) -> None:
+    (tmp_path / "m.mesh").write_text(_PLANE)
+    mesh = read_mesh(tmp_path / "m.mesh")
+    assert mesh.points.tolist() == [[0, 0], [2, 0], [0, 2], [1, 1], [1, 0]]
+    assert lists(mesh.cells) == {"triangle": [[0, 1, 2]]}
+    assert lists(mesh.patches) == {"-4": [0, 1, 4]}
+    write_mesh(tmp_path / "moved.mesh", replace(mesh, points=mesh.points / 3))
+    np.testing.assert_array_equal(read_mesh(tmp_path / "moved.mesh").points, mesh.points / 3)
+    head, tail = _PLANE.split("Vertices")
+    after = (tmp_path / "moved.mesh").read_text()
+    assert after.startswith(head)
+    assert after.endswith(tail[tail.index("EdgesP2") :])
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("Dimension 2", "Dimension 4", "Dimension '4', expected 2 or 3"),
+        ("Vertices 5", "Nodes 5", "there is no Vertices"),
+        ("Vertices 5", "Vertices 6", "6 Vertices of 3 numbers, but 15 numbers"),
+        ("Triangles", "TrianglesP3", "elements TrianglesP3; known are Edges, .*"),
+        ("1 2 3 0", "1 2 6 0", "row 1 of Triangles names vertex 6, but there are 1 to 5"),
+        ("1 2 3 0", "1 2 x 0", "could not convert string to float.*"),
+    ],
+)
+def test_medit_files_that_do_not_fit(tmp_path: Path, old: str, new: str, message: str) -> None:
+    (tmp_path / "m.mesh").write_text(_PLANE.replace(old, new))
+    one_line(tmp_path / "m.mesh", f"malformed Medit mesh: .*({message})")
 
 
 def test_a_copy_of_an_ensight_case_never_replaces_the_geometry(tmp_path: Path) -> None:
@@ -1286,8 +1409,8 @@ def test_a_copy_of_an_ensight_case_never_replaces_the_geometry(tmp_path: Path) -
         ("hexa8", "hexa4", "elements 'hexa4' have too few nodes"),
         (
             "coordinates\n27",
-            "block uniform\n3 3 3",
-            "'block uniform' in the part 'internalMesh', .*filter Merge Blocks",
+            "brick\n3 3 3",
+            "'brick' in the part 'internalMesh', expected its 'coordinates' or a block",
         ),
         ("coordinates\n27", "block\n3 3 0", r"the part 'internalMesh' has a block of \[3, 3, 0\] nodes"),
         ("coordinates\n27", "coordinates\n28", "line 37: invalid literal for int.*'0.0'"),

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from mesh_files import one_line, replaced
+from mesh_files import lists, one_line, replaced
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.quality.orientation import oriented
 from mesh_motion_protocol.errors import InvalidInput
@@ -294,6 +294,24 @@ def test_polygons_are_refused_with_the_way_in(tmp_path: Path) -> None:
     (tmp_path / "m.vtk").write_text(text)
     cells = read_mesh(tmp_path / "m.vtk").cells
     assert {name: nodes.tolist() for name, nodes in cells.items()} == {"triangle": [[1, 2, 3]], "quad": [[0, 1, 3, 4]]}
+
+
+def test_a_keyword_in_the_line_of_the_values_before_it(tmp_path: Path) -> None:
+    """As NGSolve writes it; a surplus number is an error."""
+    text = (
+        "# vtk DataFile Version 3.0\nNGSolve\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS 4 float\n"
+        "0 0 0 1 0 0 1 1 0 0 1 0 CELLS 1 5\n4 0 1 2 3\nCELL_TYPES 1\n9 POINT_DATA 4\n"
+        "SCALARS patch_wall int 1\nLOOKUP_TABLE default\n1 1 0 0\n"
+    )
+    (tmp_path / "m.vtk").write_text(text)
+    mesh = read_mesh(tmp_path / "m.vtk")
+    assert lists(mesh.patches) == {"wall": [0, 1]}
+    write_mesh(tmp_path / "moved.vtk", replace(mesh, points=mesh.points / 3))
+    after = read_mesh(tmp_path / "moved.vtk")
+    np.testing.assert_array_equal(after.points, mesh.points / 3)
+    assert lists(after.patches) == {"wall": [0, 1]}
+    (tmp_path / "m.vtk").write_text(text.replace("9 POINT_DATA", "9 9 POINT_DATA"))
+    one_line(tmp_path / "m.vtk", "1 values are expected, but 4 are found")
 
 
 def test_a_surface_is_refused(tmp_path: Path) -> None:

@@ -423,6 +423,19 @@ def mfem_by_axes(path: Path) -> None:
     path.write_text(f"{head}\nnodes\n{space}\n{rows(POINTS.T.reshape(-1, 1))}\nmfem_mesh_end\n")
 
 
+def medit(path: Path) -> None:
+    """Medit's format: references 1 to 3 for the patches, a section that is not used, and 0 on an inner face."""
+    outer = [face for face in FACES if face.patch]
+    names = list(PATCHES)
+    faces = [[*(n + 1 for n in face.nodes), 1 + names.index(face.patch)] for face in outer]
+    faces.append([*(n + 1 for n in next(face.nodes for face in FACES if not face.patch)), 0])
+    path.write_text(
+        f"MeshVersionFormatted 2\nDimension\n3\n\nVertices\n{N**3}\n{rows(np.pad(POINTS, ((0, 0), (0, 1))))}\n"
+        f"Quadrilaterals\n{len(faces)}\n{rows(faces)}\nCorners 1\n1\n"
+        f"Hexahedra\n{len(CELLS)}\n{rows(np.pad(CELLS + 1, ((0, 0), (0, 1))))}\nEnd\n"
+    )
+
+
 def _xdmf(path: Path, item: Callable[[str, NDArray[Any]], str]) -> None:
     """XDMF as FEniCS writes it: a mesh and, on its points, a grid of the boundary, whose arrays have our names."""
     outer = [face for face in FACES if face.patch]

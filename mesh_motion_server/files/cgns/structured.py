@@ -119,18 +119,21 @@ def numbering(path: Path, zones: list[Node], points: list[Floats]) -> tuple[Inte
     """The mesh's node (n,) of each node of all zones, one zone after the other, and notes."""
     blocks = _blocks(zones, points)
     starts = np.cumsum([0, *map(len, points)])
-    by_name = {zone.name: place for place, zone in enumerate(zones)}
+    by_name = {zone.name.replace(" ", "_"): place for place, zone in enumerate(zones)}  # Gmsh takes either for a donor
     pairs, n_periodic, connected = [np.empty((0, 2), np.int64)], 0, False
+    missing: list[str] = []
     for place, block in enumerate(blocks):
         for group in block.node.children("ZoneGridConnectivity_t"):
             for link in group.children("GridConnectivity1to1_t"):
-                donor = by_name.get(link.text().split("/")[-1])
+                donor = by_name.get(link.text().split("/")[-1].replace(" ", "_"))
                 connected = True
                 if any(of.children("Periodic_t") for of in link.children("GridConnectivityProperty_t")):
                     n_periodic += 1
                 elif donor is not None:
                     own, other = _paired(link, block, blocks[donor])
                     pairs.append(np.column_stack([starts[place] + own, starts[donor] + other]))
+                else:
+                    missing.append(f"the connection {link.name!r} is a boundary: no zone {link.text()!r} is read")
     if len(zones) > 1 and not connected:
         listed = [
             VtkPiece(np.pad(of, ((0, 0), (0, 3 - of.shape[1]))), {}, {(0, ""): np.arange(len(of))}) for of in points
@@ -140,7 +143,7 @@ def numbering(path: Path, zones: list[Node], points: list[Floats]) -> tuple[Inte
     number = _united(np.concatenate(pairs), int(starts[-1]))
     notes = [f"{len(zones)} zones were joined; {len(number) - int(number.max()) - 1} nodes were in several of them"]
     periodic = [f"{n_periodic} connections are periodic: give their patches the role periodic"]
-    return number, notes * (len(zones) > 1) + periodic * (n_periodic > 0)
+    return number, notes * (len(zones) > 1) + periodic * (n_periodic > 0) + missing
 
 
 def _paired(link: Node, block: _Block, donor: _Block) -> tuple[Integers, Integers]:

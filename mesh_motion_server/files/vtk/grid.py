@@ -7,7 +7,7 @@ import numpy as np
 from mesh_motion_numerics.arrays import Floats, Integers, Marks
 from numpy.typing import NDArray
 
-__all__ = ["KNOWN_TYPES", "VtkGrid", "structured_cells"]
+__all__ = ["KNOWN_TYPES", "VtkGrid", "lattice", "structured_cells"]
 
 Arrays = dict[str, NDArray[np.generic]]
 
@@ -119,3 +119,9 @@ def structured_cells(counts: Sequence[int]) -> tuple[int, Integers]:
     ]
     nodes = np.stack([part.T.ravel() for part in parts], axis=1)
     return {1: 1, 2: 3, 4: 9, 8: 12}[len(parts)], nodes
+
+
+def lattice(axes: Sequence[Floats]) -> Floats:
+    """(n, 3) all points of one to three axes, the first fastest; zero on further axes."""
+    columns = [of.ravel() for of in np.meshgrid(*axes[::-1], indexing="ij")][::-1]
+    return np.pad(np.column_stack(columns), ((0, 0), (0, 3 - len(columns))))

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from mesh_motion_server.files.moved import Place
 from mesh_motion_server.files.text import text_of
-from mesh_motion_server.files.vtk.grid import VtkGrid, structured_cells
+from mesh_motion_server.files.vtk.grid import VtkGrid, lattice, structured_cells
 
 __all__ = ["Legacy", "read_legacy"]
 
@@ -50,10 +50,10 @@ class Legacy:
         points, types, cells = self.points, self.types, self.cells
         if self.kind != "UNSTRUCTURED_GRID":
             if self.kind == "RECTILINEAR_GRID":
-                points = _lattice([self.axes.get(f"{axis}_COORDINATES", np.zeros(1)) for axis in "XYZ"])
+                points = lattice([self.axes.get(f"{axis}_COORDINATES", np.zeros(1)) for axis in "XYZ"])
             elif self.kind == "STRUCTURED_POINTS":
                 ranges = zip(self.origin, self.spacing, self.counts, strict=True)
-                points = _lattice(
+                points = lattice(
                     [(start + step * np.arange(count)).astype(np.float64) for start, step, count in ranges]
                 )
             if len(points) != np.prod(self.counts, dtype=np.int64):
@@ -64,12 +64,6 @@ class Legacy:
         if cells is None:
             raise ValueError("it has no CELLS")
         return VtkGrid(points, types, *cells, self.arrays["POINT_DATA"], self.arrays["CELL_DATA"])
-
-
-def _lattice(axes: list[Floats]) -> Floats:
-    """(n, 3) all points of three axes, the first fastest."""
-    z, y, x = np.meshgrid(*axes[::-1], indexing="ij")
-    return np.column_stack([x.ravel(), y.ravel(), z.ravel()])
 
 
 def read_legacy(data: bytes) -> Legacy:
@@ -239,12 +233,17 @@ class _Cursor:
         )
 
     def _words(self, count: int) -> list[bytes]:
-        """The next words; a word and its blank have at least two bytes, and a value ends with its line."""
+        """The next words; a word and its blank have at least two bytes. NGSolve ends no line before a keyword."""
         words: list[bytes] = []
         while len(words) < count and self.position < len(self._data):
             end = self._data.find(b"\n", self.position + 2 * (count - len(words)) - 2)
             end = len(self._data) if end < 0 else end
-            words += self._data[self.position : end].split()
+            line = self._data[self.position : end]
+            words += line.split()
+            surplus = len(words) - count
+            if surplus > 0 and words[count][:1].isalpha():
+                end = self.position + len(line.rsplit(None, surplus)[0])
+                del words[count:]
             self.position = end + 1
         if len(words) != count:
             raise ValueError(

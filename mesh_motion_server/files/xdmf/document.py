@@ -79,16 +79,18 @@ class Document:
         if len(items) <= number:
             raise ValueError(f"{parent.tag} {parent.get('Name', '')!r} has {len(items)} items, expected {number + 1}")
         kind = item_type(items[number])
-        if kind != "uniform":
+        if kind not in ("uniform", "hyperslab"):
             raise ValueError(f"{parent.tag} {parent.get('Name', '')!r}: items of type {kind} are not read")
         return items[number]
 
     def values(self, item: ElementTree.Element) -> NDArray[Any]:
-        """The numbers of an item in its shape."""
+        """The numbers of an item in its shape; those of a hyperslab are a part of another item's."""
         shape = [int(word) for word in item.get("Dimensions", "").split()]
         form, text = item.get("Format", "XML").lower(), (item.text or "").strip()
         dtype = dtype_of(item)
-        if form == "hdf":
+        if item_type(item) == "hyperslab":
+            values = self._part(item)
+        elif form == "hdf":
             values = self._hdf5(text)
         elif form == "binary":
             raw = self.file_of_numbers(text).read_bytes()[int(item.get("Seek", "0")) :]
@@ -111,6 +113,22 @@ class Document:
         if not place.is_file():
             raise ValueError(f"there is no {place}, which should hold its numbers")
         return place
+
+    def _part(self, slab: ElementTree.Element) -> NDArray[Any]:
+        """The part of an array that three rows of numbers select: starts, strides and counts in each direction."""
+        rows, whole = (self.values(self.item(slab, number)) for number in (0, 1))
+        if rows.size != 3 * whole.ndim:
+            raise ValueError(f"a hyperslab with {rows.size} numbers for an array of {whole.ndim} directions")
+        start, stride, count = rows.astype(np.int64).reshape(3, -1)
+        last = start + stride * (count - 1)
+        wrong = np.flatnonzero((start < 0) | (stride < 1) | (count < 1) | (last >= whole.shape))
+        if len(wrong):
+            axis = int(wrong[0])
+            raise ValueError(
+                f"a hyperslab from {start[axis]} to {last[axis]} by {stride[axis]} in direction {axis}, in which the "
+                f"array has {whole.shape[axis]} rows"
+            )
+        return whole[tuple(slice(*of) for of in zip(start, last + 1, stride, strict=True))]
 
     def _hdf5(self, text: str) -> NDArray[Any]:
         name, _, inner = text.rpartition(":")

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from mesh_motion_server.files.mesh_file import MeshFile
 from mesh_motion_server.files.packages import check_unpacked
-from mesh_motion_server.files.vtk.grid import KNOWN_TYPES, VtkGrid, structured_cells
+from mesh_motion_server.files.vtk.grid import KNOWN_TYPES, VtkGrid, lattice, structured_cells
 from mesh_motion_server.files.vtk.reading import NUMBERED_PATCH_ARRAYS, PATCH_PREFIX, grids_as_mesh
 from mesh_motion_server.files.xdmf.document import Document, item_type, kind_of
 
@@ -48,7 +48,7 @@ def read(path: Path) -> MeshFile:
     Raises
     ------
     InvalidInput
-        For files of numbers that are missing, items that are computed (hyperslabs, functions), polygons and polyhedra.
+        For files of numbers that are missing, items that are computed (functions), polygons and polyhedra.
     """
     return grids_as_mesh(path, _grids, [path])
 
@@ -89,7 +89,7 @@ def _one(file: Document, grid: ElementTree.Element, tag: str) -> ElementTree.Ele
 
 def _content(file: Document, element: ElementTree.Element) -> object:
     """A key that is equal for two elements with the same meaning."""
-    items = [(item.text or "").strip() for item in file.children(element, "DataItem")]
+    items = [(one.text or "").strip() for item in file.children(element, "DataItem") for one in item.iter("DataItem")]
     return kind_of(element), element.get("Dimensions"), *items
 
 
@@ -218,8 +218,7 @@ def _structured_points(file: Document, geometry: ElementTree.Element, counts: li
         raise ValueError(f"a geometry of type {kind}, which is not read")
     if [len(line) for line in lines] != counts:
         raise ValueError(f"{[len(line) for line in lines]} lines of nodes, but Dimensions {counts}")
-    axes = [of.ravel() for of in np.meshgrid(*lines, indexing="ij")][::-1]  # x is the last direction
-    return np.pad(np.column_stack(axes), ((0, 0), (0, 3 - len(axes))))
+    return lattice(lines[::-1])  # x is the last direction
 
 
 def _joined(grids: list[_Grid]) -> VtkGrid:

@@ -11,7 +11,7 @@ from mesh_motion_protocol.errors import InvalidInput
 
 from mesh_motion_server.files.moved import Place, copied_hdf5, edit, replaced
 from mesh_motion_server.files.replace import replaced_by_name
-from mesh_motion_server.files.xdmf.document import Document, dtype_of, kind_of
+from mesh_motion_server.files.xdmf.document import Document, dtype_of, item_type, kind_of
 from mesh_motion_server.files.xdmf.grids import WIDTHS, by_points
 
 __all__ = ["move"]
@@ -54,6 +54,8 @@ def move(source: Path, target: Path, points: Floats) -> None:
         apart = "_" in kind_of(geometry)
         own = [file.item(geometry, axis) for axis in range(points.shape[1] if apart else 1)]
         columns = [points[:, [axis]] for axis in range(points.shape[1])] if apart else [points]
+        if any(item_type(item) != "uniform" for item in own):
+            raise InvalidInput(f"{source}: its points are a part of a larger array (HyperSlab)", hint="take .vtu")
         places = dict(zip(own, columns, strict=True))
         width = 1 if apart else WIDTHS[kind_of(geometry)]
         items = [*file.root.iter("DataItem")]

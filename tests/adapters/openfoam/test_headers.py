@@ -1,4 +1,4 @@
-"""The sources compiled with the headers of releases that are not installed: they need a network."""
+"""The sources compiled with the headers of releases that are not installed; a nightly job fetches them."""
 
 import os
 import re
