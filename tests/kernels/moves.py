@@ -43,9 +43,9 @@ CASES: dict[str, tuple[str, int, float, Method]] = {
 }
 
 
-def moved(name: str) -> str:
+def moved(name: str, finer: int = 1) -> str:
     kind, boxes, degrees, method = CASES[name]
-    mesh = box_mesh("hexahedron" if kind == "tetra" else kind, boxes)
+    mesh = box_mesh("hexahedron" if kind == "tetra" else kind, finer * boxes)
     cells = mesh.cells
     if kind == "tetra":
         cells = CellTable.from_arrays({kind: np.concatenate([cells.blocks[0].nodes[:, tetra] for tetra in _SIX])})
