@@ -11,7 +11,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 _C = ("gcc", "cmake", "pkg-config", "libzmq")
 _CHOSEN_C = "not cpp and not f90 and not every_scenario"
-#: What each client's tests need, and which of the tests they are (pytest's -k, "" for all).
+#: The programs that each client's tests need, and the choice of these tests (pytest's -k, "" for all).
 ADAPTERS: dict[str, tuple[tuple[str, ...], tuple[str, ...], str]] = {
     "Python": ((), ("tests/client", "tests/conformance/test_our_client.py"), ""),
     "C": (_C, ("tests/adapters/c",), _CHOSEN_C),

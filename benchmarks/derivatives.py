@@ -1,4 +1,4 @@
-"""What derivatives cost: ``python -m benchmarks.derivatives MESH FOLDER REPEAT`` prints JSON.
+"""The cost of derivatives: ``python -m benchmarks.derivatives MESH FOLDER REPEAT`` prints JSON.
 
 Compares derivatives with a step of the same motion in the same process: small steps without a correction, the same
 steps with the default method (its correction has nothing to do), and larger steps until the correction frees nodes. A

@@ -30,7 +30,7 @@ from tests.faults.stand_in import grid_mesh
 __all__ = ["main"]
 
 _BLOCK_SECONDS = 8.0
-#: What the page asks for, and how often at most.
+#: The requests of the page, and the shortest time between two of them.
 _SECONDS = {"": 1.0, "/{}": 2.0, "/{}/series?points=1500": 2.0, "/{}/mesh.png": 3.0}
 _TICK = os.sysconf("SC_CLK_TCK")
 

@@ -1,4 +1,4 @@
-"""What starting costs: ``python -m benchmarks.start MESH FOLDER REPEAT`` prints JSON.
+"""The cost of a start: ``python -m benchmarks.start MESH FOLDER REPEAT`` prints JSON.
 
 Measures what a user waits for: the command's help, a server until it is ready, ``connect()`` and opening the mesh in a
 program, the memory of a small session's process, and one step of 22 000 nodes without a correction, played from a case

@@ -39,7 +39,7 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 #: Fixtures that compile. On a busy machine this takes many minutes, and the first test that needs one waits for it.
 _COMPILE = {"foam_environment", "flap", "tools", "zmq_flags", "c_kernels", "sdist", "wheel"}
 
-#: Other tests that take as long as a nightly one.
+#: A nightly test takes as long as so many others.
 _NIGHTLY_WEIGHT = 25
 
 

@@ -184,7 +184,7 @@ def test_the_walk_sees_a_seeded_circle() -> None:
     assert len(circle({"a.x": "from a import y", "a.y": "def f():\n    from a.x import X"})) == 3
 
 
-#: What starts before any worker: the command, the supervisor with its store, the gateway and the attendants.
+#: Modules that start before any worker: the command, the supervisor with its store, the gateway and the attendants.
 STARTERS = (
     "mesh_motion_server.commands.cli",
     "mesh_motion_server.transport.serve",

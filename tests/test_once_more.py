@@ -22,7 +22,7 @@ def first():
 
 def test_good(): pass
 """
-#: What fails the first time and passes alone.
+#: Tests that fail the first time and pass alone.
 _FLAKY = {
     "call": "@pytest.mark.parametrize('name', ['a b', '[c]', 'é'])\ndef test_flaky(name): assert not first()",
     "set-up": "@pytest.fixture\ndef given(): assert not first()\ndef test_flaky(given): pass",
@@ -31,7 +31,7 @@ _FLAKY = {
     "hang": "@pytest.mark.timeout(1)\ndef test_flaky():\n    if first(): time.sleep(60)",
     "next to others": "def test_flaky(): assert 'PYTEST_XDIST_WORKER' not in os.environ",
 }
-#: What is red: source, options, status.
+#: Runs that fail: source, options, status.
 _RED = {
     "again": ("def test_bad(): assert False", ["-n2"], 1),
     "one of two": ("def test_flaky(): assert not first()\ndef test_bad(): assert False", ["-n2"], 1),

@@ -25,7 +25,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Case:
-    """What is measured.
+    """A case that is measured.
 
     Attributes
     ----------

@@ -33,7 +33,7 @@ _METHODS: dict[str, dict[str, Any]] = {
 
 @dataclass(frozen=True)
 class Case:
-    """What is measured.
+    """A case that is measured.
 
     Attributes
     ----------

@@ -43,7 +43,7 @@ void read_all(const double* a, Index n, double* sums, Index threads) {
     });
 }
 
-/// On each thread two polynomials of degree 32 of a few numbers, again and again: fused multiply-adds on registers.
+/// Each thread computes two polynomials of degree 32 of a few numbers, many times: fused multiply-adds on registers.
 void horner(const double* values, Index n, Index turns, double* sums, Index threads) {
     on_threads(threads, [=](Index thread) {
         double total = 0.0;

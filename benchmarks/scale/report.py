@@ -97,7 +97,7 @@ def _limits(results: Results, name: str) -> str:
 
 
 def _machine(results: Results) -> str:
-    """What it was measured on."""
+    """The machine of the measurement."""
     limits: MachineLimits = results.limits
     return (
         f"{results.machine} One thread copies {limits.bandwidth / 1e9:.1f} GB/s (read and written) and sums "

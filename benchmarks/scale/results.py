@@ -16,7 +16,7 @@ __all__ = ["Results", "exponent", "growth", "smaller"]
 
 @dataclass
 class Results:
-    """What one run measured.
+    """The values that one run measured.
 
     Attributes
     ----------

@@ -17,7 +17,7 @@ __all__ = ["Evidence"]
 
 @dataclass
 class Evidence:
-    """What is known so far.
+    """The results so far.
 
     Attributes
     ----------

@@ -6,7 +6,7 @@ from xml.etree import ElementTree
 import pytest
 from mesh_motion_conformance.command import Subject, conform
 
-#: What cannot be had from outside, or only with gigabytes.
+#: Cases that cannot be made from outside, or only with gigabytes.
 SKIPPED = {"8-COMMITTING", "8-FROZEN", "8-FAILED", "6-upload-larger-than-max-session-bytes"}
 
 

@@ -9,7 +9,7 @@ from wrong_clients import WRONG_CLIENTS
 
 from mesh_motion_server.transport.telemetry import configure
 
-#: What the plain model of these servers has not: a judgement of cells.
+#: Cases that these servers cannot pass: their plain model does not judge cells.
 WITHOUT_JUDGEMENT = [
     *("13.3-inverted-cell", "15-BUILT-quality", "15-COMMITTED-quality", "15-MOVED-headroom-asked", "15-MOVED-quality")
 ]
@@ -29,7 +29,7 @@ def failing(endpoint, only=(), seconds=3.0):
 
 @pytest.mark.timeout(600)
 def test_a_server_without_fault_fails_no_case(tmp_path):
-    """Gateway, control, worker and sessions in one process: three seconds of computing for the whole suite."""
+    """Gateway, control, worker and sessions run in one process: the whole suite computes for three seconds."""
     failed = []
     for folder in (tmp_path / "once", tmp_path / "again"):  # a machine that stands still fails a case once
         with in_process_server(folder) as server:

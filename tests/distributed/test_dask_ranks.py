@@ -338,6 +338,12 @@ def test_a_refusal_by_one_rank_or_all_leaves_the_session_usable(cluster, server,
             raise ZeroDivisionError("a motion of its own")
         return points
 
+    def endless(points):
+        try:
+            return endless(points)
+        finally:
+            points += 1.0
+
     settings = SETTINGS | {"refuse_below_threshold": True, "quality_threshold": 0.9}
     with open_on_workers(server.endpoint, cluster, files, ROLES, settings) as session:
         with pytest.raises(SessionError, match="there is no trial to commit"):
@@ -345,6 +351,8 @@ def test_a_refusal_by_one_rank_or_all_leaves_the_session_usable(cluster, server,
         began = time.monotonic()
         with pytest.raises(ZeroDivisionError, match="a motion of its own"):
             session.move(broken)
+        with pytest.raises(RecursionError, match="maximum recursion depth exceeded"):  # also when it is sent
+            session.move(endless)
         with pytest.raises(QualityRefused):
             session.move(motion(24))
         session.move(motion(0.1))

@@ -16,7 +16,7 @@ from mesh_motion_server.operation.metrics import METRICS, PREFIX
 DOCS = Path(__file__).parents[2] / "docs"
 PAGE = (DOCS / "operations.md").read_text(encoding="utf-8")
 BOARD = (DOCS / "grafana.json").read_text(encoding="utf-8")
-#: What Prometheus adds to each series of the page's scrape.
+#: The labels that Prometheus adds to each series of the page's scrape.
 SCRAPED = {"job": "mesh-motion", "instance": "host:9464"}
 #: The text of an alert, in addition to its labels.
 ANNOTATED = {"MeshEndsSoon": {"exp_annotations": {"summary": "a mesh ends within 14 steps like its last one"}}}

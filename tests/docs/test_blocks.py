@@ -69,9 +69,9 @@ def test_files_that_run_a_block_exist() -> None:
     assert [name for name in named if not (ROOT / name).exists()] == []
 
 
-#: What prepares a machine, which no test does.
+#: Commands that prepare a machine; no test runs them.
 _PREPARES = re.compile(r"(apt-get|pip|\S+ -m pip) install|cd |make |[A-Z_]+=\S*$|#|$")
-#: What a line of a shell runs: a subcommand of mesh-motion, a script, a program.
+#: The command in a line of a shell: a subcommand of mesh-motion, a script, a program.
 _RUNS = re.compile(r"mesh-motion (?P<subcommand>[a-z]+)|python (?P<script>\S+)|(\./)?(?P<program>[\w.-]+)")
 
 

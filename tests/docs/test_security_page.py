@@ -1,4 +1,4 @@
-"""What docs/security.md shows is run."""
+"""The commands and programs in docs/security.md are run."""
 
 import socket
 import sys

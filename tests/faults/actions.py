@@ -27,7 +27,7 @@ TWISTS: dict[str, tuple[str, ...]] = {
     "CLOSE": (*_DATA, "discard"),
 }
 REQUESTS = tuple(TWISTS)
-#: What happens without a request: the lease's end, a killed worker, a power cut, a planned restart, a disk that takes
+#: Events without a request: the lease's end, a killed worker, a power cut, a planned restart, a disk that takes
 #: nothing until it is healed, time, a partition's connection made again, and a slow disk, which shows where a session
 #: does not wait for it.
 EVENTS = ("LEASE_END", "CRASH", "POWER", "STOP", "BREAK", "HEAL", "WAIT", "RECONNECT", "STALL")

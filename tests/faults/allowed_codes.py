@@ -19,7 +19,7 @@ _COLLECTIVE = (*_ONCE, "INVALID_ARGUMENT.PARTITION", "DEADLINE_EXCEEDED", "ABORT
 _START = ("RESOURCE_EXHAUSTED.SESSIONS", "RESOURCE_EXHAUSTED.DISK", "RESOURCE_EXHAUSTED.MEMORY", "UNAVAILABLE.DRAINING",
           "UNAVAILABLE.WORKER", "UNAVAILABLE.STARTING", "ABORTED.CONFLICT")  # fmt: skip
 
-#: What is particular to a type.
+#: Codes of single types of request.
 _OWN: dict[str, tuple[str, ...]] = {
     "HELLO": (),
     "PING": (),

@@ -43,9 +43,9 @@ _STORM = 100
 _SILENT = 100
 #: Seconds until a server has given everything back.
 _PATIENCE = 30.0
-#: What fits into the kernel's buffers before a server ends a connection.
+#: Bytes that fit into the kernel's buffers before a server ends a connection.
 _MOST_TAKEN = 16 * _MIB
-#: What a process may grow by.
+#: Bytes by which the memory of a process may grow.
 _MOST_GROWTH = 16 * _MIB
 
 

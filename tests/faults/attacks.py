@@ -187,7 +187,7 @@ def _old_version(rng: random.Random) -> bytes:
     return rng.choice((b"\x01\x00", b"\xff" + bytes(8) + b"\x7f\x01\x05\x00\x00")) + rng.randbytes(rng.randrange(64))
 
 
-#: What a storm is made of, by name.
+#: The messages of each storm, by its name.
 STORMS: dict[str, Callable[[random.Random], bytes]] = {
     "noise": _noise,
     "cut greeting": _cut_greeting,

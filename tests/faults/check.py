@@ -20,7 +20,7 @@ def require(condition: object, message: str) -> None:
 
 @dataclass(frozen=True)
 class Result:
-    """What a check found.
+    """The result of a check.
 
     ``got``: result in one line, to compare with the target; ``details``: all measured figures, plain values.
     """

@@ -32,7 +32,7 @@ _PROGRAMS = {name: f"mesh-motion-conform-{end}" for name, end in (("C", "c"), ("
 #: Short enough that their end is part of the suite.
 _SETTINGS: dict[str, Any] = {"lease_seconds": 1.0, "collective_timeout_seconds": 1.0}
 _WAIT_SECONDS = 60.0
-#: What cannot be had from outside, or only with gigabytes.
+#: Cases that cannot be made from outside, or only with gigabytes.
 _NOT_TO_BE_HAD = {"8-COMMITTING", "8-FROZEN", "8-FAILED", "6-upload-larger-than-max-session-bytes"}
 _SERVER = "server"
 

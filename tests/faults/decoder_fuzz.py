@@ -22,7 +22,7 @@ from mesh_motion_server.transport.replies import undecodable
 from tests.faults.check import Budget, Check, Result, require
 from tests.faults.mutations import Draft, golden_frames, gone_wrong
 
-#: What the process may grow by.
+#: Bytes by which the memory of the process may grow.
 _MOST_GROWTH = 5 << 20
 #: Messages before the memory is looked at: what is made once is made then, and the allocator has seen the largest.
 _LEAST_WARM_UP = 1000

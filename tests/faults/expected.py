@@ -13,7 +13,7 @@ from tests.faults.check import require
 from tests.faults.in_process_parts import Replies
 
 Codes = tuple[str, ...]
-#: What a request may have otherwise when it is repeated (section 10).
+#: Fields that may differ when a request is repeated (section 10).
 _NO_CONTENT = ("client", "sequence", "epoch")
 
 

@@ -51,7 +51,7 @@ _RECORDED_UNITS = 64
 
 @dataclass(frozen=True)
 class Fault:
-    """What happens, and where.
+    """A fault of the network, and its place.
 
     ``place`` ({"control", "data"}); ``way`` ({"in", "out"}): to the server, or to the client; ``at``: how many units
     pass there before; ``amount``: 0 … 1: how late, how slow, which bit.
@@ -303,7 +303,7 @@ class Network:
             self._shut = False
 
     async def _send_again(self, port: int, recorded: list[tuple[str, bytes]]) -> None:
-        """What a client has sent, from somebody else: the handshake first, messages once it was answered."""
+        """A stranger repeats a client's bytes: the handshake first, and the messages after its answer."""
         with contextlib.suppress(OSError):
             reader, writer = await asyncio.open_connection(self._server[0], port)
             try:

@@ -33,7 +33,7 @@ STEPS = 4
 _DISK = "RESOURCE_EXHAUSTED.DISK"
 #: Seconds in which a disk that works has taken a state.
 _PATIENCE = 60.0
-#: What a call may fail with, by name.
+#: The errors that a call may fail with, by name.
 ERRORS = {name: getattr(errno, name) for name in ("ENOSPC", "EIO", "EDQUOT", "EROFS")}
 
 #: Error, and whether it is for ever: what the levels "replay" and "relaxed" are tried with.

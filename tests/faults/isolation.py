@@ -32,13 +32,13 @@ from tests.faults.server_process import seeded
 from tests.faults.stand_in_server import StandInServer
 
 _MIB = 1 << 20
-#: What is promised, seconds; and how often the echo's p99 is added.
+#: The promised time in seconds; and how often the echo's p99 is added.
 _P99_SECONDS = 0.015
 _ECHOES = 3
 #: A phase that does not keep it is played again, so often: other work on the machine adds to a p99 and takes nothing
 #: away, so the best round shows most of the server.
 _ROUNDS = 3
-#: What the gateway may grow by.
+#: Bytes by which the gateway's memory may grow.
 _MOST_GROWTH = 32 * _MIB
 #: A PING that takes so long counts as not answered.
 _PATIENCE = 20.0
@@ -47,7 +47,7 @@ _PAUSE = 0.002
 #: Who is there in which phase.
 _PHASES: dict[str, tuple[str, ...]] = {"idle": (), "crashes": ("upload", "crash"), "slow clients": ("upload", "slow")}
 _SETTINGS: dict[str, Any] = {"worker_memory_bytes": 256 * _MIB, "lease_seconds": 2.0, "idle_seconds": 5.0}
-#: What lets sessions crash when their neighbours want it.
+#: The seeded fault: a session crashes when a neighbour wants it.
 _MANNERS = "sessions with bad manners"
 _ECHO = """
 import sys, zmq

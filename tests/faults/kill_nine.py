@@ -33,13 +33,13 @@ _LONGEST = 0.2
 _MOST_IDLE = 40
 #: One thread each: what a fork leaves behind of others' is none of this proof's matter.
 _FORKABLE = {"MESH_MOTION_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-#: What a recovery may take at the 95th percentile.
+#: The longest recovery at the 95th percentile.
 _RECOVERY_SECONDS = 2.0
 
 
 @dataclass
 class Witness:
-    """What the killed processes said.
+    """The output of the killed processes.
 
     ``replies``: the COMMITTED frame of each acknowledged step; ``recoveries``: seconds from fork to an open session;
     ``repeats``: replies that came again after a kill; ``level``: of durability; ``last``, ``durable``: the last

@@ -43,7 +43,7 @@ _DONE_EACH = 25
 _SWAPS = 25
 #: Seconds until what has ended is gone.
 _PATIENCE = 60.0
-#: What the supervisor may grow by: once, and for each session at rest, of which it keeps no mesh.
+#: Bytes by which the supervisor may grow: once, and for each session at rest, whose mesh it does not keep.
 _ONCE_BYTES, _EACH_BYTES = 4 << 20, 1 << 10
 _SETTINGS: dict[str, Any] = {"lease_seconds": 1.0, "idle_seconds": 6.0}
 

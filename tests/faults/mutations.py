@@ -16,7 +16,7 @@ from mesh_motion_protocol.vectors import load
 
 Frames = list[bytes]
 
-#: What a value is replaced by: the edges of each type, words of the protocol, and what msgpack leaves open.
+#: Replacements of a value: the edges of each type, words of the protocol, and values that msgpack leaves open.
 VALUES: tuple[Any, ...] = (
     None, True, False, 0, 1, 2, 3, 5, -1, 255, 256, 2**31, 2**53, 2**62, 2**63 - 1, 2**63, 2**64 - 1, -(2**63),
     0.0, -0.0, 0.5, 5e-324, 1e12, 1e300, -1e308, float("nan"), float("inf"), "", "a", "\0", "a\0b", "\ud800", "\r\n",
@@ -195,7 +195,7 @@ def _noise(_data: bytes, random: Random) -> bytes:
 
 
 Change = Callable[[Draft, Random], None]
-#: What changes a message, with how often each comes.
+#: The changes of a message, and how often each is drawn.
 CHANGES: Mapping[Change, int] = {
     _somewhere(_replace): 8, _somewhere(_nudge): 4, _somewhere(_remove): 2, _somewhere(_add): 1, _somewhere(_rename): 1,
     _reshaped: 5, _numbers: 8, _frames: 3,

@@ -122,7 +122,7 @@ class _Task:
     always: tuple[str, ...] = field(default=())
 
 
-#: The cheapest first: a point is tried in the first task that passes it.
+#: The quickest task comes first: each failpoint is tried in the first task that reaches it.
 TASKS: Mapping[str, _Task] = {
     "look": _Task(lambda rig: rig.user.look()),
     "step": _Task(lambda rig: rig.user.advance()),

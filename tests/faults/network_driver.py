@@ -26,13 +26,13 @@ _Answer = TypeVar("_Answer")
 
 #: Seconds for a call that computes next to nothing, and for one that may wait for a process to start.
 _QUICK, _SLOW = 0.8, 6.0
-#: What a call may take beyond its deadline: the machine is busy, and its clock is not the client's.
+#: A call may take so long beyond its deadline: the machine is busy, and its clock is not the client's.
 SLACK = 5.0
 #: Seconds until a call that is repeated has its result.
 PATIENCE = 90.0
 #: Moves of a step, as factors of its motion.
 _MOVES = (0.5, 1.0)
-#: What a broken network may cost, and nothing else: no answer, another holder (a replayed JOIN or RESUME), another's
+#: The only losses that a broken network may cause: no answer, another holder (a replayed JOIN or RESUME), another's
 #: worker (a swapped connection), a trial that a restart has taken; besides a message of which frames were lost.
 EXCUSED = ("DEADLINE_EXCEEDED", "UNAVAILABLE", "ABORTED.FENCED", "ABORTED.TRIAL_LOST", "UNAUTHENTICATED", "NOT_FOUND")
 
@@ -43,7 +43,7 @@ class Lost(Exception):
 
 @dataclass(frozen=True)
 class Work:
-    """What a driver does.
+    """The work of a driver.
 
     ``options``: fields of OPEN; ``frame``: of its moves; ``again`` (Mesh or None): mesh for a RESUME; ``undisturbed``:
     makes the run that its own must equal; ``patience``: time for its calls in addition to the shortest one.

@@ -23,9 +23,9 @@ from tests.faults.ranks import Ranks
 from tests.faults.session_model import SessionModel
 from tests.faults.session_table import ADMITTED
 
-#: What waits until all commits are durable, or needs the disk for something else.
+#: Requests that wait until all commits are durable, or need the disk for something else.
 _WAITED_FOR = ("OPEN", "RESUME", "CLOSE", "LEASE_END", "STOP", "BREAK", "HEAL")
-#: What may be asked of a worker that has ended: it is still in its state, and knows its epoch, but serves no client.
+#: Requests that a worker may get after its end: it is still in its state, and knows its epoch, but serves no client.
 _ASKED_OF_THE_ENDED = ("", "epoch", "step", "reference", "discard")
 
 #: After these TANGENT and COTANGENT are played, which change nothing: no draw, so the lives are those without them.

@@ -19,7 +19,7 @@ _OWNER = b"c" * 16
 _ELSEWHERE = "f" * 32
 #: Mesh length unit: so little that a mesh moved a hundred times is still valid.
 _AMPLITUDE = 0.004
-#: What a MOVE asks for in addition; each rank by itself.
+#: The additional fields of a MOVE; each rank chooses its own.
 _HEADROOMS: tuple[dict[str, str], ...] = (
     {},
     {"report": "headroom"},

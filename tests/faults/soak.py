@@ -36,7 +36,7 @@ _TARGET_SLOPE = 10.0
 _FILLING_SLOPE, _FULL_AFTER = 40.0, 45_000
 #: By so much the readings of a process that leaks nothing may drift over the steps that are fitted, bytes.
 _RESOLUTION = 128 << 10
-#: What is bounded by a number of bytes is to have reached it long before the readings that count.
+#: Memory with a limit in bytes must reach this limit long before the readings that count.
 _SETTINGS: dict[str, Any] = {
     "stored_reply_bytes": 1 << 16,
     "factor_cache_bytes": 1 << 20,

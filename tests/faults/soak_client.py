@@ -24,7 +24,7 @@ from tests.faults.holder import SeededHolder, seeded_mesh, seeded_rows
 from tests.faults.processes import end_with_parent
 from tests.faults.stand_in_service import REAL
 
-#: What comes once in so many steps: another connection, another epoch, a session that comes and goes, a list.
+#: Events, each once in so many steps: another connection, another epoch, a session that comes and goes, a list.
 REJOINS, RESUMES, SHORT_LIVED, LISTS = 80, 80, 500, 200
 #: A session rests, and comes back in another worker, once in so many short-lived ones.
 _RESTS = 2

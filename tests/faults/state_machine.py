@@ -42,7 +42,7 @@ LEVELS = ("full", "replay", "relaxed")
 _LENGTH = 60
 #: One sequence in so many is played with the numerics themselves.
 _REAL_EVERY = 10
-#: What brings a session on.
+#: Requests that bring a session to its next state.
 _ONWARD = {
     "": "RESUME", "CLOSED": "RESUME", "NEW": "UPLOAD", "OPENING": "UPLOAD", "READY": "MOVE",
     "TRIAL": "COMMIT COMMIT MOVE ROLLBACK", "SUSPENDED": "JOIN JOIN COMMIT",

@@ -14,7 +14,6 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 from box_meshes import box_mesh
 from mesh_motion_numerics.interpolation.two_scale import factorization
 from mesh_motion_numerics.mesh.cells import CellTable
-from mesh_motion_numerics.mesh.roles import Patch
 from mesh_motion_numerics.method import Method
 from mesh_motion_numerics.motion.motion import MotionModel
 
@@ -44,17 +43,16 @@ CASES: dict[str, tuple[str, int, float, Method]] = {
 }
 
 
-def moved(name: str) -> str:
+def moved(name: str, finer: int = 1) -> str:
     kind, boxes, degrees, method = CASES[name]
-    mesh = box_mesh("hexahedron" if kind == "tetra" else kind, boxes)
+    mesh = box_mesh("hexahedron" if kind == "tetra" else kind, finer * boxes)
     cells = mesh.cells
     if kind == "tetra":
         cells = CellTable.from_arrays({kind: np.concatenate([cells.blocks[0].nodes[:, tetra] for tetra in _SIX])})
-    patches = {"body": Patch("moving", mesh.body), "outer": Patch("fixed", mesh.outer)}
     with patch.object(
         factorization, "AUTOMATIC_FROM", 0 if name.endswith("two scales") else factorization.AUTOMATIC_FROM
     ):
-        model = MotionModel.build(mesh.points, cells, patches, method)
+        model = MotionModel.build(mesh.points, cells, mesh.patches, method)
     if name.endswith("sparse"):
         model = in_one_scale(model, "sparse")
     turn = Rotation.from_euler("z", degrees, degrees=True).as_matrix()[: model.points.shape[1], : model.points.shape[1]]

@@ -8,6 +8,7 @@ import struct
 import sys
 from collections import Counter
 from contextlib import redirect_stdout, suppress
+from copy import deepcopy
 from functools import partial
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -32,8 +33,11 @@ _TESTS = (
     "test_newton.py", "test_cell_distortion.py", "test_smooth_motion.py", "test_motion_slope.py",
     "../docs/studies/test_predictors.py", "two_scale/test_grid_sums.py", "two_scale/test_nested_grid.py",
 )  # fmt: skip
-#: Of each loop so many forms of calls are kept, none longer than so many bytes; and so many of fuzzing.
-_FORMS, _BYTES, _FUZZED = 20, 2_000_000, 20
+#: Moves with so many times the boxes along each axis: loops have the work of several tasks.
+_FINER = {"2D corrected": 6, "3D corrected": 4}
+#: Of each loop so many forms of calls are kept, none longer than so many bytes; so many of fuzzing; and the longest
+#: call that has no more than so many bytes: several threads share its work.
+_FORMS, _BYTES, _FUZZED, _LONGEST = 20, 2_000_000, 20, 16_000_000
 LOOPS = sorted(set(fuzz.loops()) - {"available_threads", "get_threads", "set_threads"})
 
 
@@ -73,6 +77,7 @@ class Recorder:
         self.file = file
         self.calls: Counter[str] = Counter()
         self._forms: set[Any] = set()
+        self._longest: dict[str, tuple[int, tuple[Any, ...]]] = {}
         self.loops = {name: getattr(kernels, name) for name in LOOPS}
 
     def call(self, name: str, arguments: tuple[Any, ...]) -> Any:
@@ -93,11 +98,19 @@ class Recorder:
             assert pytest.main([*options, *(str(numerics / test) for test in _TESTS)]) == 0
 
     def _used(self, name: str, *arguments: Any) -> Any:
-        form = name, _form(arguments)
-        if form in self._forms or self.calls[name] == _FORMS or _bytes(arguments) > _BYTES:
+        form, size = (name, _form(arguments)), _bytes(arguments)
+        if self._longest.get(name, (0,))[0] < size <= _LONGEST:
+            self._longest[name] = size, deepcopy(arguments)
+        if form in self._forms or self.calls[name] == _FORMS or size > _BYTES:
             return self.loops[name](*arguments)
         self._forms.add(form)
         return self.call(name, arguments)
+
+    def of_length(self) -> None:
+        for case, finer in _FINER.items():
+            moves.moved(case, finer)
+        for name, (_, arguments) in self._longest.items():
+            self.call(name, arguments)
 
     def of_fuzzing(self) -> None:
         rng = np.random.default_rng(0)
@@ -113,6 +126,7 @@ if __name__ == "__main__":
     with Path(sys.argv[1]).open("wb") as file:
         recorder = Recorder(file)
         recorder.of_use()
+        recorder.of_length()
         used = recorder.calls.copy()
         recorder.of_fuzzing()
     for loop in LOOPS:

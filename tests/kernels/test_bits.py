@@ -12,7 +12,7 @@ from mesh_motion_server.transport.processes import repeatable_libraries
 
 _SCRIPT = Path(__file__).with_name("moves.py")
 _BUILT = sorted(found.parent.name for found in Path(kernels.__file__).parent.glob("*/_kernels*"))
-#: What this machine can run of what is built.
+#: The levels that are built and run on this machine.
 LEVELS = [level for level in _BUILT if level <= kernels._widest()]
 
 

@@ -10,6 +10,7 @@ from mesh_motion_numerics.correction.trial_nodes import TrialMesh
 from mesh_motion_numerics.interpolation import evaluation
 from mesh_motion_numerics.interpolation.interpolant import Factorization, factorize
 from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.mesh.roles import Patch
 from mesh_motion_numerics.quality.metrics import reference_sizes
 
 REFERENCES = Path(__file__).parent.parent / "references"
@@ -24,6 +25,10 @@ class BodyMesh:
     cells: CellTable
     outer: np.ndarray
     body: np.ndarray
+
+    @property
+    def patches(self) -> dict[str, Patch]:
+        return {"body": Patch("moving", self.body), "outer": Patch("fixed", self.outer)}
 
     @property
     def held(self) -> np.ndarray:

@@ -3,7 +3,6 @@
 import numpy as np
 from box_meshes import box_mesh
 from mesh_motion_numerics.mesh.cells import CellTable
-from mesh_motion_numerics.mesh.roles import Patch
 from sliding_meshes import Mesh
 
 from docs.studies.aerofoil_grids import o_grid
@@ -12,7 +11,7 @@ from docs.studies.aerofoil_grids import o_grid
 def near_block(kind: str, n: int = 5) -> Mesh:
     """A block of side 0.2 in a box of side 1."""
     mesh = box_mesh(kind, n)
-    return mesh.points, mesh.cells, {"body": Patch("moving", mesh.body), "outer": Patch("fixed", mesh.outer)}
+    return mesh.points, mesh.cells, mesh.patches
 
 
 def far_block(kind: str, n: int) -> Mesh:

@@ -10,7 +10,6 @@ import pytest
 from box_meshes import CELL_KINDS, box_mesh
 from correction_cases import BodyMesh, stored
 from mesh_motion_numerics.mesh.cells import CellTable
-from mesh_motion_numerics.mesh.roles import Patch
 from mesh_motion_numerics.method import Method
 from mesh_motion_numerics.motion.motion import MotionModel
 from mesh_motion_numerics.motion.motion_found import Motion
@@ -112,8 +111,7 @@ def run_of(
     mesh: BodyMesh, way: Callable[[np.ndarray, int], np.ndarray], **choices: object
 ) -> tuple[list[float], float]:
     """Headroom after each step of a run, and the number of steps until its mesh ends."""
-    patches = {"body": Patch("moving", mesh.body), "outer": Patch("fixed", mesh.outer)}
-    model, factors = MotionModel.build(mesh.points, mesh.cells, patches, Method(**choices)), FactorCache(1 << 28)
+    model, factors = MotionModel.build(mesh.points, mesh.cells, mesh.patches, Method(**choices)), FactorCache(1 << 28)
     points, found = model.points, []
     for k in range(1, 100):
         try:

@@ -71,8 +71,7 @@ def test_layers_that_the_interpolation_keeps_are_left_to_it() -> None:
 @pytest.mark.parametrize("kind", ["quad", "quad + triangle", "tetra", "hexahedron"])
 def test_even_meshes_have_no_layers(kind: str) -> None:
     mesh = box_mesh(kind, 10)
-    patches = {"body": Patch("moving", mesh.body), "outer": Patch("fixed", mesh.outer)}
-    assert LayeredWalls.build(mesh.points, mesh.cells, patches, None) is None
+    assert LayeredWalls.build(mesh.points, mesh.cells, mesh.patches, None) is None
 
 
 def test_a_layer_on_a_periodic_wall_is_kept_and_its_ends_stay_alike() -> None:

@@ -216,7 +216,7 @@ def test_every_cell_type_is_checked(name):
 @pytest.mark.parametrize("kind", ["quad", "hexahedron"])
 def test_a_motion_is_the_same_in_every_unit_or_refused(kind: str) -> None:
     mesh = box_mesh(kind, 10 if kind == "quad" else 5)
-    patches = {"body": Patch("moving", mesh.body), "outer": Patch("fixed", mesh.outer)}
+    patches = mesh.patches
     moved = {}
     for unit in (1.0, 1e-12, 1e15):
         points = unit * mesh.points

@@ -11,7 +11,6 @@ from frame_meshes import rotation, square_frame
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mesh_motion_numerics.correction import trial_nodes
-from mesh_motion_numerics.mesh.roles import Patch
 from mesh_motion_numerics.method import Method
 from mesh_motion_numerics.motion.exact_displacements import BoundaryDisplacement
 from mesh_motion_numerics.motion.motion import MotionModel
@@ -96,8 +95,7 @@ def test_the_fraction_of_a_refusal_is_accepted(
     shift: tuple[float, float], degrees: float, refuse_below_threshold: bool
 ) -> None:
     mesh = stored("correction_slab")
-    patches = {"body": Patch("moving", mesh.body), "outer": Patch("fixed", mesh.outer)}
-    model = model_of((mesh.points, mesh.cells, patches), refuse_below_threshold=refuse_below_threshold)
+    model = model_of((mesh.points, mesh.cells, mesh.patches), refuse_below_threshold=refuse_below_threshold)
     rest = mesh.points[model.roles.moving]
     targets = rest + rigid(mesh, shift, degrees)[model.roles.moving]
     with pytest.raises(QualityRefused) as refusal:
@@ -118,8 +116,7 @@ def test_the_fraction_of_a_refusal_is_accepted(
 def test_sending_back_the_fraction_of_a_refusal_is_accepted_in_either_frame(seed: int, frame: str, asked: Any) -> None:
     rng = np.random.default_rng(seed)
     mesh = stored("correction_slab")
-    patches = {"body": Patch("moving", mesh.body), "outer": Patch("fixed", mesh.outer)}
-    model = model_of((mesh.points, mesh.cells, patches), displacement="absolute", **asked)
+    model = model_of((mesh.points, mesh.cells, mesh.patches), displacement="absolute", **asked)
     nodes = model.roles.moving
     first = mesh.points[nodes] + rigid(mesh, rng.uniform(-0.1, 0.1, 2), rng.uniform(-20, 20))[nodes]
     committed = model.move(mesh.points, first).points

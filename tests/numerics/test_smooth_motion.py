@@ -35,9 +35,8 @@ PERIOD = 32
 
 
 def smooth_model(mesh: BodyMesh, **choices: object) -> MotionModel:
-    patches = {"body": Patch("moving", mesh.body), "outer": Patch("fixed", mesh.outer)}
     method = Method(**{"displacement": "absolute", "correction": "smooth", **choices})
-    return MotionModel.build(mesh.points, mesh.cells, patches, method)
+    return MotionModel.build(mesh.points, mesh.cells, mesh.patches, method)
 
 
 @cache

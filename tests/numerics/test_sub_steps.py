@@ -24,10 +24,8 @@ from sliding_meshes import duct
 
 def box_model(kind: str = "quad", **choices) -> MotionModel:
     mesh = box_mesh(kind, 5 if kind == "tetra" else 10)
-    patches = {"body": Patch("moving", mesh.body), "outer": Patch("fixed", mesh.outer)}
-    return MotionModel.build(
-        mesh.points, mesh.cells, patches, Method(**{"support_radius": 0.5, "quality_metric": "size-skew", **choices})
-    )
+    method = Method(**{"support_radius": 0.5, "quality_metric": "size-skew", **choices})
+    return MotionModel.build(mesh.points, mesh.cells, mesh.patches, method)
 
 
 def turned(model: MotionModel, degrees: float, shift: float = 0.0) -> np.ndarray:
@@ -161,9 +159,8 @@ def test_bodies_change_places() -> None:
 
 def test_a_squeeze_to_a_tenth_of_the_gap_is_valid_directly_and_in_sub_steps() -> None:
     mesh = stored("thesis_block")
-    patches = {"body": Patch("moving", mesh.body), "outer": Patch("fixed", mesh.outer)}
     method = Method(support_radius=0.5, quality_metric="size-skew", sub_steps="never")
-    model = MotionModel.build(mesh.points, mesh.cells, patches, method)
+    model = MotionModel.build(mesh.points, mesh.cells, mesh.patches, method)
     targets = turned(model, 0.0, -0.9 * model.points[model.roles.moving, 0].min())
     for motion in (model.move(model.points, targets), led(model, targets)):
         assert motion.corrected.metric.min > 0.06
@@ -200,9 +197,8 @@ def test_from_the_reference_mesh_the_way_does_not_matter() -> None:
 @pytest.mark.parametrize(("correction", "at_least"), [("explicit", 1e-3), ("enrichment", 0.15)])
 def test_every_correction_goes_in_sub_steps(correction: str, at_least: float) -> None:
     mesh = stored("thesis_block")
-    patches = {"body": Patch("moving", mesh.body), "outer": Patch("fixed", mesh.outer)}
     method = Method(correction=correction, quality_metric="size-skew")
-    model = MotionModel.build(mesh.points, mesh.cells, patches, method)
+    model = MotionModel.build(mesh.points, mesh.cells, mesh.patches, method)
     motion = led(model, turned(model, 180.0))
     assert motion.sub_steps >= 3
     assert motion.corrected.metric.min > at_least

@@ -23,8 +23,7 @@ RINGS, AROUND, RATIO = 24, 48, 10.0
 def model(kind: str) -> MotionModel:
     made = {"triangle": lambda: stored("thesis_block"), "ring": ring, "layered": layered}
     mesh = made.get(kind, lambda: box_mesh(kind))()
-    patches = {"body": Patch("moving", mesh.body), "outer": Patch("fixed", mesh.outer)}
-    return MotionModel.build(mesh.points, mesh.cells, patches, Method())
+    return MotionModel.build(mesh.points, mesh.cells, mesh.patches, Method())
 
 
 def ring() -> BodyMesh:

@@ -12,7 +12,7 @@ from mesh_motion_server.security.authorisation import ROLES
 
 SESSION = "0123456789abcdef" * 2
 
-#: What Tab does: bash calls the function that the script has registered, and shows what it offers.
+#: The effect of Tab: bash calls the function that the script has registered, and shows what it offers.
 _BASH = """
 eval "$(_MESH_MOTION_COMPLETE=source_bash mesh-motion)"
 read -r _ _ function _ <<< "$(complete -p mesh-motion | sed 's/.*-F/-o x/')"

@@ -12,7 +12,7 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 EXTRAS = PROJECT["project"]["optional-dependencies"]
 CLIENT = tomllib.loads((ROOT / "adapters" / "python" / "pyproject.toml").read_text(encoding="utf-8"))
 NUMERICS = tomllib.loads((ROOT / "numerics" / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["scikit-build"]
-#: What the distributions require without an extra.
+#: The packages that the distributions require without an extra.
 BASES = {"client": CLIENT["project"]["dependencies"], "numerics": NUMERICS["metadata"]["dependencies"]["others"]}
 FOLDER = ROOT / "requirements"
 _PIN = re.compile(

@@ -57,7 +57,7 @@ def replace(path: Path, pattern: str, text: str) -> None:
     path.write_text(new, encoding="utf-8")
 
 
-#: What is spoilt, a change of a file (name, pattern, text) or more, and what is said then.
+#: One change of a file or more (name, pattern, text), and the message that it causes.
 SPOILT: list[tuple[tuple[str, str, str] | Callable[[Path], object], str]] = [
     (("adapters/python/mesh_motion_protocol/__init__.py", "7.8.9", "7.8.8"),
      r"protocol/__init__\.py must have __version__ = '7\.8\.9', got '7\.8\.8'"),

@@ -1,4 +1,4 @@
-"""Control requests with scripted workers: the words of a worker that survive its end."""
+"""Control requests with scripted workers: messages of a worker stay valid after its end."""
 
 import threading
 import time

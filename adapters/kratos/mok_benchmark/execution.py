@@ -53,7 +53,7 @@ class Size:
 
 @dataclass(frozen=True)
 class History:
-    """What a run left.
+    """The results of a run.
 
     Attributes
     ----------

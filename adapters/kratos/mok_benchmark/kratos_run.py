@@ -24,7 +24,7 @@ __all__ = ["EVERY", "Run"]
 
 #: Steps from one ``state.npz`` to the next.
 EVERY = 25
-#: What a step passes to the next one in addition to coordinates: for each solver its model part and nodal variables.
+#: Data of the next step in addition to coordinates: for each solver its model part and nodal variables.
 _STATE = {
     "fluid": ("FluidModelPart", "MESH_DISPLACEMENT", "MESH_VELOCITY", "MESH_ACCELERATION", "VELOCITY", "ACCELERATION",
               "PRESSURE"),

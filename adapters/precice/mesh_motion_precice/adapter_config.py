@@ -105,7 +105,7 @@ def _toml(path: Path, text: str) -> dict[str, Any]:
 
 
 def _text(path: Path) -> str:
-    """What the file has."""
+    """The content of the file."""
     try:
         return path.read_text(encoding="utf-8")
     except OSError as error:

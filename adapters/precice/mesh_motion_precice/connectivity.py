@@ -35,7 +35,7 @@ _SIMPLICES: _Table = {
     "wedge": ((0, 1, 2, 5), (0, 1, 5, 4), (0, 4, 5, 3)),
     "hexahedron": ((0, 1, 2, 6), (0, 2, 3, 6), (0, 3, 7, 6), (0, 7, 4, 6), (0, 4, 5, 6), (0, 5, 1, 6)),
 }
-#: What a facet is cut as.
+#: The type of a facet by the number of its corners, for its division into simplices.
 _FACET_TYPES = {2: "line", 3: "triangle", 4: "quad"}
 
 

@@ -26,6 +26,10 @@ Place = tuple[NDArray[np.int64], int]
 """Global ids (k,) of a rank's moving nodes, and the last committed step."""
 
 
+#: A longer traceback of an error keeps so many calls at its beginning, and at its end.
+_CALLS = 20
+
+
 @dataclass(frozen=True)
 class Answer:
     """The result of a trial; the node positions stay on the workers. The fields are those of :class:`.moved.Moved`."""
@@ -144,6 +148,17 @@ class _Rank:
         return self.session
 
 
+def _shorten(error: BaseException | None) -> None:
+    """Leave the middle of long tracebacks out: pickle follows them call by call, until that is too deep as well."""
+    while error is not None:
+        calls = [error.__traceback__]
+        while (call := calls[-1]) is not None:
+            calls.append(call.tb_next)
+        if len(calls) > 2 * _CALLS and (last := calls[_CALLS - 1]) is not None:
+            last.tb_next = calls[-_CALLS]
+        error = error.__cause__ or error.__context__
+
+
 #: The ranks of this process, by session and partition.
 _RANKS: dict[str, _Rank] = {}
 
@@ -164,6 +179,7 @@ async def perform(name: str, verb: str, *given: Any) -> tuple[Literal["done", "f
             return "done", await asyncio.wrap_future(rank.announced)
         return "done", await asyncio.get_running_loop().run_in_executor(rank.thread, getattr(rank, verb), *given)
     except Exception as error:  # includes every error of a user's motion
+        _shorten(error)
         return "failed", error
     finally:
         if verb == "close":

@@ -42,7 +42,7 @@ PARTS: dict[str, Callable[[], str]] = {
 
 #: Characters of a line.
 _WIDTH = 160
-#: What stands before the text of a list's item.
+#: The characters before the text of a list's item.
 _ITEM = re.compile(r" *(?:- )?")
 _wrap = partial(textwrap.wrap, width=_WIDTH, break_long_words=False, break_on_hyphens=False)
 _PART = re.compile(r"^(<!-- generated: ([a-z-]+) -->)\n(.*?)(<!-- end -->)$", re.MULTILINE | re.DOTALL)

@@ -26,7 +26,7 @@ _INNER = {
     "Keys": ("protect",),
     "Server": ("embedded",),
 }
-#: What is made by a call of another object.
+#: Classes whose objects are made by a call of another object.
 _MADE_ELSEWHERE = ("Server", "Session", "Moved", "Committed", "DaskSession", "Answer")
 #: An annotation as inspect shows it: quoted, for it is not evaluated.
 _ANNOTATION = re.compile(r"(: |-> )'([^']*)'")

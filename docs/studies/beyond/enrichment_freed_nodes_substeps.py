@@ -91,7 +91,7 @@ class Series:
 
 
 def series(quick: bool) -> list[Series]:
-    """What is tried."""
+    """The variants that are compared."""
     block, two = stored("tests/references/thesis_block"), stored("tests/references/correction_two_blocks")
     box = stored("tests/references/correction_box")
     if quick:

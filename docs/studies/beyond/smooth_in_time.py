@@ -153,7 +153,7 @@ _TABLE = (
     "without and with the correction; largest step of any node over the largest step of a boundary node; and after the "
     "period, at rest again, the distances of the smallest quality and of the farthest node from the reference mesh."
 )
-#: What exceeds the 1.5 that is asked for: coarse meshes, in the middle of a large motion.
+#: Values above the expected 1.5: coarse meshes, in the middle of a large motion.
 _LARGEST = {"block ± 90°": 1.8, "quads ± 60°": 2.0, "tetrahedra ± 60°": 1.9}
 _PICTURE = "Largest step of any node over the largest step of a boundary node; dotted: 1.5."
 

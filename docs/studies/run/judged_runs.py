@@ -30,7 +30,7 @@ from mesh_motion_server.session.factors import FactorCache
 Floats = NDArray[np.float64]
 Goes = Callable[[Floats, float], Floats]
 
-#: What a run must keep, by the table's columns: at least, at most.
+#: The limits of a run, by the table's columns: at least, at most.
 BOUNDS = {
     "rest": (0.0, 1e-12),
     "repeat": (0.0, 1e-12),
@@ -304,7 +304,7 @@ def _draw(figure: Any, drawn: dict[str, dict[str, tuple[int, list[float]]]]) -> 
         ax.legend(fontsize=7)
 
 
-#: What is outside today, and may not grow.
+#: Values that are outside of these limits today, and may not grow.
 _OUTSIDE = {"C-grid, ± 15°": {"angle / plain", "noise"}}
 
 

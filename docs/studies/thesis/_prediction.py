@@ -72,7 +72,7 @@ def predicted_errors(name: str, mesh: Mesh, field: DisplacementField, metric: st
 
 
 def qualities(mesh: Mesh, field: DisplacementField) -> dict[str, CellQuality]:
-    """What every predictor says."""
+    """The results of every predictor."""
     sizes = mesh.sizes
     return {name: predict(name, mesh.points, mesh.cells, sizes, field) for name in PREDICTORS}
 

@@ -90,7 +90,7 @@ def run(quick: bool) -> Outcome:
 
 
 def _words(table: Table) -> str:
-    """What the first table says."""
+    """The values of the first table."""
     rows = {row[0]: dict(zip(table.columns, row, strict=True)) for row in table.rows}
     last, again = table.columns[3], table.columns[4]
     ratio = {name: rows[name][last] / rows[FULL][last] for name in rows}

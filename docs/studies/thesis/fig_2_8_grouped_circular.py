@@ -79,7 +79,7 @@ def run(quick: bool) -> Outcome:
 
 
 def _words(rows: list[list[Any]], points: int) -> str:
-    """What the table says."""
+    """The values of the table."""
     conventional, _, *grouped = rows
     best = max(grouped, key=lambda row: float(row[4]))
     worst_ratio = max(row[1] / conventional[1] for row in grouped)

@@ -13,7 +13,7 @@ RADII = (0.2, 0.3, 0.4, 0.5, 0.6, 0.8)
 SHOWN = (0.2, 0.4, 0.6)
 PLACES = np.array([0.2, 0.8])
 
-#: What the text of §4.3.2 says of each radius: sign of the ideal gradient, and whether it helps.
+#: The statements of §4.3.2 on each radius: sign of the ideal gradient, and whether it helps.
 SAID = {0.2: "negative", 0.4: "no improvement", 0.6: "positive", 0.8: "positive"}
 
 

@@ -112,7 +112,7 @@ def run(quick: bool) -> Outcome:
 
 
 def _words(cost: Table, tables: list[Table]) -> str:
-    """What the tables say."""
+    """The values of the tables."""
     single = [row for row in cost.rows if row[1] == row[2]]
     fewest = min(single, key=lambda row: int(row[1]))  # type: ignore[arg-type]
     fastest = min(cost.rows, key=lambda row: float(row[4]))  # type: ignore[arg-type]

@@ -89,7 +89,7 @@ class Moving:
 
     @cached_property
     def problem(self) -> VolumeProblem:
-        """What the reductions are given."""
+        """The arguments of the reductions."""
         points, roles = self.mesh.points, BoundaryRoles.from_patches(self.mesh.patches)
         radius = suggest_support_radius(points, roles)
 

@@ -37,7 +37,7 @@ _SECOND = {8: ("line", 3), 9: ("triangle", 6), 10: ("quad", 9), 11: ("tetra", 10
            13: ("wedge", 18), 14: ("pyramid", 14), 16: ("quad", 8), 17: ("hexahedron", 20), 18: ("wedge", 15),
            19: ("pyramid", 13)}  # fmt: skip
 _HEADER = re.compile(rb"(?m)^[ \t]*\$MeshFormat\s+(\S+)\s+([01])\s+(\d+)[^\n]*\n")
-#: What is between two sections is not read, as in Gmsh.
+#: Lines between two sections are not read, as in Gmsh.
 _SECTION = re.compile(rb"\n[ \t]*\$(\w+)[ \t\r]*\n")
 _VERSIONS = (2.0, 2.1, 2.2, 4.1)
 _NAME = re.compile(r'^\s*(\d+)\s+(\d+)\s+"(.*)"\s*$')

@@ -63,7 +63,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of a case: ``verdict`` PASS, FAIL or SKIP."""
+    """The result of a case: ``verdict`` PASS, FAIL or SKIP."""
 
     case: Case
     verdict: str

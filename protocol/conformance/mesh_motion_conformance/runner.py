@@ -14,7 +14,7 @@ __all__ = ["Stage", "run", "selected"]
 
 
 class Stage(Protocol):
-    """What cases are run on."""
+    """The server and the options that cases run with."""
 
     @property
     def sent(self) -> str:

@@ -1,4 +1,4 @@
-/* What a program sees of errors: errors ENDPOINT. Prints a line for each
+/* The errors as a program sees them: errors ENDPOINT. Prints a line for each
  * expectation that is not met. */
 #include <mesh_motion.h>
 

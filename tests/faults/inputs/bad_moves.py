@@ -28,7 +28,7 @@ def _fraction(value: Any) -> bool:
     return _finite(value) and 0.0 <= value < 1.0
 
 
-#: What a refusal for quality contains.
+#: The details of a refusal for quality.
 _WORST: Names = {"best": _finite, "fraction": _fraction, "worst": _cells}
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from tests.faults.inputs.drafts import Draft, Part
 
 Rng = np.random.Generator
-#: What an error's details must hold; a callable judges a value whose last digits are of no interest.
+#: The details that an error must have; a callable checks a value whose last digits may differ.
 Names = Mapping[str, Any]
 Where = Literal["open", "upload", "build", "move"]
 #: Spoils a draft, or returns the part to be sent as well; a case draws at random which node, row or axis it spoils.

@@ -26,7 +26,7 @@ class Rows:
     shape: list[Any] | None = None
 
     def declaration(self, name: str) -> dict[str, Any]:
-        """What frame 0 says."""
+        """The content of frame 0."""
         dtype = self.values.dtype.newbyteorder("<").str if self.dtype is None else self.dtype
         return {"name": name, "dtype": dtype, "shape": list(self.values.shape) if self.shape is None else self.shape}
 

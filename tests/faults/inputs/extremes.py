@@ -15,7 +15,7 @@ _ROUNDED = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What a session answered.
+    """The answers of a session.
 
     ``displacement`` (n, d) array; ``prescribed`` (k, d) array: of the moving nodes; ``moving`` (k,) array; ``quality``:
     the summary of the moved mesh; ``warnings``: of BUILT.

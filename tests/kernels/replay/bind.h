@@ -18,7 +18,7 @@ struct module_ {};
 
 namespace mesh_motion {
 
-/// What Python sent or got: an array ('a'), a number ('n'), a sequence ('s') or nothing ('-').
+/// A value that Python sent or got: an array ('a'), a number ('n'), a sequence ('s') or nothing ('-').
 struct Value {
     char kind = '-';
     std::string type;  // of an array, as in NumPy

@@ -23,7 +23,7 @@ SOURCES = [
     for path in (ROOT / name).rglob("*.py")
     if path != DOOR
 ]
-#: What others may take of Rich: it makes no text.
+#: The parts of Rich that other modules may use: they make no text.
 _HARMLESS = {"rich.console": {"Group", "RenderableType"}, "rich.live": {"Live"}, "rich.box": {"SIMPLE_HEAD"}}
 
 

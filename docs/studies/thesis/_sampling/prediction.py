@@ -84,7 +84,7 @@ class ExpandableField:
 
 @dataclass(frozen=True, eq=False)
 class SampledQuality:
-    """What a sampled prediction found.
+    """The results of a sampled prediction.
 
     Attributes
     ----------
@@ -131,7 +131,7 @@ def _expand_hopeful(field: ExpandableField, groups: Groups, remainder: Floats) -
     return np.where(hopeful, remainder, np.inf), coefficients
 
 
-#: What bounds the change within a group: (field, groups) → remainders (g,), coefficients (g, d, c).
+#: The terms that bound the change within a group: (field, groups) → remainders (g,), coefficients (g, d, c).
 BOUNDS: dict[str, Callable[[ExpandableField, Groups], tuple[Floats, Floats]]] = {
     "certain": _certain,
     "estimated": _estimated,

@@ -149,7 +149,7 @@ class ScriptedServer:
     # --- what actions use --------------------------------------------------------------------------------------------
 
     def execute(self, request: Message, endpoint: str) -> Reply:
-        """What an undisturbed server answers."""
+        """The answer of an undisturbed server."""
         if request.kind == "PING":
             return Reply("PONG", {})
         if tables().requests.get(request.kind, {}).get("endpoint") != endpoint:

@@ -46,7 +46,7 @@ class Request:
         return replace(self, arrays=self.arrays | {name: np.asarray(array) for name, array in arrays.items()})
 
     def header(self, client: bytes, sequence: int) -> Header:
-        """What frame 0 packs."""
+        """The content of frame 0, before it is packed."""
         return {
             "v": 1,
             "type": self.kind,

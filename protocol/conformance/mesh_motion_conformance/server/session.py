@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Session", "data_endpoint"]
 
-#: What takes computing, or starts a process.
+#: Requests that compute or start a process.
 _LONG = ("BUILD", "MOVE", "TANGENT", "COTANGENT", "JUDGE", "CORRECT", "COMMIT")
 
 

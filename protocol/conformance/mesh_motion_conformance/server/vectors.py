@@ -22,7 +22,7 @@ __all__ = ["load_vectors", "suite"]
 
 suite = Suite()
 
-#: What a message that is well-formed may be answered by: its session does not exist, or this is not its place.
+#: Errors of malformed messages. A well-formed message may get others: its session does not exist, or it is too early.
 _MALFORMED = ("INVALID_ARGUMENT.HEADER", "INVALID_ARGUMENT.FRAMES", "INVALID_ARGUMENT.DTYPE", "INVALID_ARGUMENT.SHAPE",
               "UNIMPLEMENTED.VERSION", "INTERNAL")  # fmt: skip
 
