@@ -10,6 +10,7 @@ import pytest
 from box_meshes import CELL_KINDS, box_mesh
 from correction_cases import BodyMesh, stored
 from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.mesh.roles import Patch
 from mesh_motion_numerics.method import Method
 from mesh_motion_numerics.motion.motion import MotionModel
 from mesh_motion_numerics.motion.motion_found import Motion

@@ -54,10 +54,12 @@ _DOMAIN_LENGTHS, _BODIES = 2.5, 20.0
 _LARGE, _FAR, _NEAR, _MEAN = 10.0, 5.0, 10.0, 1.6
 #: R of other compact functions, in that of the multiscale basis.
 _OTHER = 0.6
-#: λ, and λ in a far field. Noise of the boundary reaches the nodes of a wing 8 times as large with 1e-6, 17 times
-#: without, and its cells keep their shape to 0.1 %; around aerofoils in a far field 9 and 26 times with 1e-3, 450 and
-#: 1100 times without. Prisms near a wall lose 3 % of their shape with 1e-6, half of it with 1e-5.
-_SMOOTH, _SMOOTH_FAR = 1e-6, 1e-3
+#: λ, and λ in a far field with layers that move with their walls. Noise of the boundary reaches the nodes of a wing 8
+#: times as large with 1e-6, 17 times without, and its cells keep their shape to 0.1 %; around aerofoils with layers 9
+#: and 17 times with 1e-3, hundreds of times without. Near a wall without such layers the first cells of an aerofoil
+#: that turns by 45° lean over by 11° with 1e-3, by 1.7° with 1e-6, and by 1.4° without; prisms lose 3 % of their shape
+#: with 1e-6, half of it with 1e-5.
+_SMOOTH, _SMOOTH_LAYER = 1e-6, 1e-3
 _SAMPLE = 20_000  # number of nodes at which the largest ball is searched
 _EACH = 16  # every 16th of them is tested first
 _ROUNDING = 1e-9
@@ -87,12 +89,13 @@ class Reach(NamedTuple):
     ----------
     mean_radius : float, mesh length unit
         R_t of :mod:`.far_field`; 0 if the mean displacement is not separated.
-    smoothing : float
-        λ of :mod:`.two_scale.factorization`.
+    smoothing, layer_smoothing : float
+        λ of :mod:`.two_scale.factorization`, and the same if layers move with their walls.
     """
 
     mean_radius: float = 0.0
     smoothing: float = 0.0
+    layer_smoothing: float = 0.0
 
 
 def with_reach(method: Method, points: Floats, roles: BoundaryRoles, *, periodic: bool) -> tuple[Method, Reach]:
@@ -101,7 +104,7 @@ def with_reach(method: Method, points: Floats, roles: BoundaryRoles, *, periodic
     A support radius that the method names is kept, with its basis and no other radius.
 
     Only the default motion and interpolation alone have small radii in large domains. Only the default motion is
-    smoothed: smoothing changes the height of first cells by some percent, and there their layers are carried.
+    smoothed.
 
     Parameters
     ----------
@@ -109,9 +112,10 @@ def with_reach(method: Method, points: Floats, roles: BoundaryRoles, *, periodic
     periodic : bool
         Whether the mesh has periodic patches: then the body has images.
     """
-    basis, radius, mean_radius, smoothing = method.basis, method.support_radius, 0.0, 0.0
-    if method.correction in ("none", "smooth") and method.reduction == "none" and not periodic:
-        smoothing = _SMOOTH
+    basis, radius, mean_radius = method.basis, method.support_radius, 0.0
+    alone = method.correction in ("none", "smooth") and method.reduction == "none" and not periodic
+    smoothing = _SMOOTH if alone and method.correction == "smooth" else 0.0
+    if alone:
         body = _longest_side(points[roles.moving])
         if radius is None and basis_named(basis).compact and body > 0.0 and len(roles.fixed):
             middle = bounding_box(points[roles.moving]).mean(axis=0)
@@ -122,10 +126,10 @@ def with_reach(method: Method, points: Floats, roles: BoundaryRoles, *, periodic
                     basis = MULTISCALE
                 radius = float(f"{_NEAR * body * (1.0 if basis == MULTISCALE else _OTHER):.2g}")
             if far:
-                mean_radius, smoothing = float(f"{_MEAN * away:.2g}"), _SMOOTH_FAR
+                mean_radius = float(f"{_MEAN * away:.2g}")
     if radius is None:
         radius = suggest_support_radius(points, roles)
-    reach = Reach(mean_radius, smoothing if method.correction == "smooth" else 0.0)
+    reach = Reach(mean_radius, smoothing, _SMOOTH_LAYER if smoothing and mean_radius else smoothing)
     enrichment = method.enrichment_radius or suggest_enrichment_radius(points, roles, radius)
     return replace(method, basis=basis, support_radius=radius, enrichment_radius=enrichment), reach
 

@@ -195,7 +195,11 @@ class StandardMotion:
             return other
         followed = [nodes for nodes, wall in self.walls() if wall.freedom().any() and not wall.only_carried]
         sets = [other._controls(nodes) for nodes in (self.roles.all, *followed)]
-        return replace(other, plans=plans_for(self.reference, sets, self.roles, self.method, self.reach.smoothing))
+        return replace(other, plans=plans_for(self.reference, sets, self.roles, self.method, other._smoothing))
+
+    @property
+    def _smoothing(self) -> float:
+        return self.reach.smoothing if self.layer is None else self.reach.layer_smoothing
 
     def walls(self) -> Iterator[tuple[Integers, SlidingSurfaces]]:
         """The sliding nodes in the order in which they are placed, and for each part the nodes (k,) that it follows.
@@ -393,7 +397,7 @@ class StandardMotion:
         except QualityRefused:
             if not basis_named(self.method.basis).compact:
                 raise
-        renewed = plan_for(points, controls, self.roles, self.method, self.reach.smoothing)
+        renewed = plan_for(points, controls, self.roles, self.method, self._smoothing)
         return two_scale_factorization_of(origin, bounding_box(points), renewed, factors)
 
     def tied(self, positions: Floats) -> Floats:
