@@ -59,7 +59,7 @@ def nothing(*args: Any, **kwargs: Any) -> None:
         (patch_check, "_check_nodes", ("a fixed patch without nodes",)),
         (method_check, "_check_lengths", ("square at build with support_radius = 1e+300",)),
         (method_check, "_check_periodic", ("periodic at build with basis = tps",)),
-        (move, "_check_lengths", ("displacement × 1e+300",)),
+        (move, "check_values", ("displacement × 1e+300",)),
     ],
 )
 def test_a_forgotten_check_is_found(monkeypatch: Any, owner: Any, check: str, names: tuple[str, ...]) -> None:
