@@ -6,15 +6,15 @@ import numpy as np
 from mesh_motion_numerics.arrays import Floats, Integers
 from mesh_motion_protocol.errors import InvalidInput
 
-__all__ = ["LARGEST", "check_values"]
+__all__ = ["check_values"]
 
 #: Limit of a velocity or a weight: numbers that mark a missing value, such as 1e300, are larger, and their products
 #: overflow.
-LARGEST = 1e75
+_LARGEST = 1e75
 
 
 def check_values(
-    name: str, partition: int, values: Floats, nodes: Integers, limit: float = LARGEST, limit_is: str = ""
+    name: str, partition: int, values: Floats, nodes: Integers, limit: float = _LARGEST, limit_is: str = ""
 ) -> None:
     """Check the values (k, c) of a partition's ``nodes`` (k,).
 

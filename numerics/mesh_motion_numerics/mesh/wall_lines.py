@@ -53,7 +53,7 @@ class WallLine:
         """
         if not self.keeps_order:
             return positions
-        rest, now = self._lengths(self.places), self._lengths(positions)
+        rest, now = self._at_rest, self._lengths(positions)
         out, fixed, limit = now.copy(), np.flatnonzero(known), _LEAST if self.is_straight else _LEAST_CURVED
         for a, b in pairwise(fixed):
             part = slice(a, b + 1)
@@ -71,22 +71,29 @@ class WallLine:
         size = np.linalg.norm(steps, axis=1)
         if self.is_straight:
             return np.asarray((positions - self.places[0]) @ (steps[0] / size[0]))
-        corners = np.stack([self.places[:-1], self.places[1:]], axis=1)
-        near, rows = FacetSet(corners).nearest(positions)
+        near, rows = self._segments.nearest(positions)
         before = np.concatenate([[0.0], np.cumsum(size)])
-        return np.asarray(before[rows] + np.linalg.norm(near - corners[rows, 0], axis=1))
+        return np.asarray(before[rows] + np.linalg.norm(near - self.places[rows], axis=1))
+
+    @cached_property
+    def _at_rest(self) -> Floats:
+        """(m,) lengths along the line to its nodes in the reference mesh."""
+        return self._lengths(self.places)
+
+    @cached_property
+    def _segments(self) -> FacetSet:
+        return FacetSet(np.stack([self.places[:-1], self.places[1:]], axis=1))
 
     def _places_at(self, lengths: Floats) -> Floats:
         """(m, d) places at lengths (m,) along the line."""
         if self.is_straight:
             step = self.places[1] - self.places[0]
             return np.asarray(self.places[0] + lengths[:, None] * step / np.linalg.norm(step))
-        rest = self._lengths(self.places)
-        return np.stack([np.interp(lengths, rest, column) for column in self.places.T], axis=1)
+        return np.stack([np.interp(lengths, self._at_rest, column) for column in self.places.T], axis=1)
 
     def _directions(self, lengths: Floats) -> Floats:
         """(…, d) directions of the line at lengths (…) along it; at a corner the mean of both sides."""
-        steps, rest = np.diff(self.places, axis=0), self._lengths(self.places)
+        steps, rest = np.diff(self.places, axis=0), self._at_rest
         steps /= np.linalg.norm(steps, axis=1)[:, None]
         near = _ON_CORNER * rest[-1]
         sides = (np.searchsorted(rest[1:-1], lengths + off) for off in (near, -near))
@@ -98,7 +105,7 @@ class WallLine:
         rows = np.arange(len(self.nodes))
         return OnFacets.from_simplices(self.places, np.column_stack([rows[:-1], rows[1:]]))
 
-    @property
+    @cached_property
     def is_straight(self) -> bool:
         """Whether all its nodes are on one straight line in the reference mesh."""
         away = self.places - self.places[0]
@@ -109,31 +116,32 @@ class WallLine:
 
 @dataclass(frozen=True, eq=False)
 class EvenedLine:
-    """A curved line after a motion of which half is an even stretch, and the derivative.
+    """A curved ``line`` after a motion of which half is an even stretch, and the derivative.
 
     Attributes
     ----------
-    nodes : (k,) int64 array
+    positions : (m, d) array, mesh length unit
+        Those of the line's nodes without the stretch.
+    rows : (k,) int64 array
         Those of the line's nodes that are between known ones.
     places : (k, d) array, mesh length unit
         Their positions after the motion.
-    turns : (k, d, d) array
-        From the directions in which they moved without the stretch to those in which they move with it.
-    along : (k, d) array
-        The line's direction at each of them.
+    lengths : (k,) array
+        Lengths along the line to these places.
+    lengths_without : (m,) array
+        Lengths along the line to all nodes without the stretch.
     ends, shares : (k, 2) arrays
-        The known nodes before and after each of them, and the shares of their motion in its own.
-    at_ends : (k, 2, d) array
-        The line's directions there.
+        Rows of the known nodes before and after each of them, and the shares of their motion in its own.
     """
 
-    nodes: Integers
+    line: WallLine
+    positions: Floats
+    rows: Integers
     places: Floats
-    turns: Floats
-    along: Floats
+    lengths: Floats
+    lengths_without: Floats
     ends: Integers
     shares: Floats
-    at_ends: Floats
 
     @classmethod
     def build(cls, line: WallLine, before: Floats, positions: Floats, known: Marks) -> EvenedLine:
@@ -145,7 +153,7 @@ class EvenedLine:
         inner = (after > 0) & (after < len(fixed))
         rows, after = rows[inner], after[inner]
         ends = np.stack([fixed[after - 1], fixed[after]], axis=1)
-        rest = line._lengths(line.places)
+        rest = line._at_rest
         part = (rest[rows] - rest[ends[:, 0]]) / (rest[ends[:, 1]] - rest[ends[:, 0]])
         shares = _EVEN * np.stack([1.0 - part, part], axis=1)
         moved = now - begin
@@ -153,15 +161,35 @@ class EvenedLine:
         lengths = begin[rows] + own
         stays = lengths == now[rows]
         places = np.where(stays[:, None], positions[rows], line._places_at(lengths))
-        along, without = line._directions(lengths), line._directions(now[rows])
-        turns = along[:, :, None] * without[:, None, :]
-        turns[stays] = np.eye(before.shape[1])
-        at_ends = np.einsum("ked,kedc->kec", line._directions(now[ends]), curve.slope(positions, positions)[ends])
-        return cls(line.nodes[rows], places, (1.0 - _EVEN) * turns, along, line.nodes[ends], shares, at_ends)
+        return cls(line, positions, rows, places, lengths, now, ends, shares)
+
+    @property
+    def nodes(self) -> Integers:
+        """(k,) mesh nodes of the rows."""
+        return self.line.nodes[self.rows]
+
+    @cached_property
+    def along(self) -> Floats:
+        """(k, d) the line's direction at each place."""
+        return self.line._directions(self.lengths)
+
+    @cached_property
+    def turns(self) -> Floats:
+        """(k, d, d) from the directions of the motion without the stretch to those with it."""
+        without = self.lengths_without[self.rows]
+        turns = self.along[:, :, None] * self.line._directions(without)[:, None, :]
+        turns[self.lengths == without] = np.eye(turns.shape[1])
+        return np.asarray((1.0 - _EVEN) * turns)
+
+    @cached_property
+    def at_ends(self) -> Floats:
+        """(k, 2, d) the line's directions at the known nodes."""
+        slopes = self.line.curve.slope(self.positions, self.positions)[self.ends]
+        return np.asarray(np.einsum("ked,kedc->kec", self.line._directions(self.lengths_without[self.ends]), slopes))
 
     def apply(self, rows: Floats) -> None:
         """Replace the velocities without the stretch by those with it, in ``rows`` (n, d) of all nodes."""
-        ends = np.sum(self.shares * np.einsum("ked,ked->ke", self.at_ends, rows[self.ends]), axis=1)
+        ends = np.sum(self.shares * np.einsum("ked,ked->ke", self.at_ends, rows[self.line.nodes[self.ends]]), axis=1)
         rows[self.nodes] = np.einsum("kij,kj->ki", self.turns, rows[self.nodes]) + ends[:, None] * self.along
 
     def transpose(self, rows: Floats) -> None:
@@ -169,7 +197,7 @@ class EvenedLine:
         weights = rows[self.nodes]
         rows[self.nodes] = np.einsum("kij,ki->kj", self.turns, weights)
         ends = np.einsum("ki,ki->k", self.along, weights)[:, None] * self.shares
-        np.add.at(rows, self.ends, ends[:, :, None] * self.at_ends)
+        np.add.at(rows, self.line.nodes[self.ends], ends[:, :, None] * self.at_ends)
 
 
 def wall_lines(points: Floats, pieces: Sequence[Piece], freedom: Integers) -> tuple[WallLine, ...]:
