@@ -257,8 +257,8 @@ def test_cells_are_judged_with_the_bits_of_the_server(library: ctypes.CDLL, name
         arrays = handle.at, n, pointer(moved), pointer(sizes), *at_rest_arrays
         passed = *arrays, metric.encode(), c_int64(asked), pointer(numbers)
         arrays = judged(moved, cells, known, metric)
-        lowest = kernels.lowest_cells(*arrays, asked)
-        rows, _, bad = kernels.judged_cells(*arrays, asked)
+        lowest = kernels.lowest_cells(*arrays, asked, 0.0)
+        rows, _, bad, _ = kernels.judged_cells(*arrays, asked, 0.0)
         for call, last in (("lowest", turned), ("judge", quality)):
             numbers[:], values[:] = 0, 0.0
             assert getattr(library, f"mesh_motion_{call}_cells")(*passed, pointer(values), byref(last)) == 0
@@ -402,7 +402,8 @@ def test_the_examples_move_and_judge_a_mesh(c_kernels: Path, tmp_path: Path, com
     cells, points, displacement = square_in_a_square()
     moved = np.fromfile(tmp_path / "points.bin").reshape(-1, 2)
     np.testing.assert_allclose(moved, points + displacement, atol=1e-12)  # the solvers' rounding
-    rows, numbers, bad = kernels.judged_cells(*judged(moved, cells, cells_at_rest(points, cells), "size-skew"), 3)
+    arrays = judged(moved, cells, cells_at_rest(points, cells), "size-skew")
+    rows, numbers, bad, _ = kernels.judged_cells(*arrays, 3, 0.0)
     low, mean, _, _, median = rows[2]
     values = cell_quality(moved, cells, cells_at_rest(points, cells)).metric("size-skew")[numbers]
     assert printed.splitlines() == [

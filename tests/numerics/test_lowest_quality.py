@@ -10,9 +10,10 @@ from mesh_motion_numerics.quality.metrics import (
     CellsAtRest,
     cell_quality,
     cells_at_rest,
+    corner_quality,
     reference_sizes,
 )
-from mesh_motion_numerics.quality.quality_summary import lowest_of, lowest_quality, mesh_summary
+from mesh_motion_numerics.quality.quality_summary import judged_mesh, lowest_of, lowest_quality, mesh_summary
 from thread_counts import on_one_and_on_all_threads
 from tiny_meshes import tiny_mesh, tiny_meshes
 
@@ -38,6 +39,22 @@ def test_every_cell_type_and_metric(name, metric):
     for seed, size in enumerate((0.0, 1e-9, 0.02, 0.1)):
         moved = points + np.random.default_rng(seed).uniform(-size, size, points.shape)
         assert_same(moved, cells, sizes, metric)
+
+
+@pytest.mark.parametrize("distributions", [True, False])
+@pytest.mark.parametrize("name", MESHES)
+def test_cells_whose_worst_corner_is_below_a_limit_are_found_in_the_same_pass(name, distributions):
+    points, cells = MESHES[name]
+    rest, choices = cells_at_rest(points, cells), {"metric": RELATIVE, "distributions": distributions}
+    for seed, size in enumerate((0.0, 0.02, 0.1, 0.3)):
+        moved = points + np.random.default_rng(seed).uniform(-size, size, points.shape)
+        quality, none = judged_mesh(moved, cells, rest, **choices)
+        assert not len(none)
+        values = corner_quality(moved, cells, points)
+        for limit in (1e-9, np.median(values), 1.0 + 1e-9):
+            again, found = judged_mesh(moved, cells, rest, **choices, limit=limit)
+            assert repr(again) == repr(quality)
+            np.testing.assert_array_equal(found, np.flatnonzero(values < limit))
 
 
 @given(

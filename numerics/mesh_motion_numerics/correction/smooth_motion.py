@@ -192,7 +192,14 @@ class SmoothMotion:
     def _sizes(self) -> Floats:
         return reference_sizes(self.reference, self.cells)
 
-    def correct(self, plain: Floats, start: Callable[[], Floats] | None = None) -> Smoothed:
+    @property
+    def limit(self) -> float:
+        """The quality of a cell's worst corner above which the cell does not resist."""
+        return math.exp(-self.law.onset) * (1.0 + 1e-9)  # far above the rounding
+
+    def correct(
+        self, plain: Floats, start: Callable[[], Floats] | None = None, distorted: Integers | None = None
+    ) -> Smoothed:
         """The corrected motion.
 
         Parameters
@@ -202,6 +209,8 @@ class SmoothMotion:
         start : callable, optional
             Makes a mesh (n, d) near the result, with the held nodes of ``plain``, if some cell resists: the iterations
             begin there unless it is tangled.
+        distorted : (k,) int64 array, optional
+            All cells whose worst corner is below :attr:`limit` in y_plain, if they are known; it may contain others.
 
         Returns
         -------
@@ -213,7 +222,7 @@ class SmoothMotion:
         RegionTooSmall
             If the mesh is a region of another one, and nodes with cells elsewhere would be free.
         """
-        region = self.region(plain)
+        region = self.region(plain, distorted)
         if region is None:
             return Smoothed(plain)
         nodes, n = region.free.nodes, region.free.n_free
@@ -229,9 +238,9 @@ class SmoothMotion:
 
     # --- region ------------------------------------------------------------------------------------------------------
 
-    def region(self, plain: Floats) -> SmoothRegion | None:
+    def region(self, plain: Floats, distorted: Integers | None = None) -> SmoothRegion | None:
         """Return the free nodes with their penalty; None if no cell of the plain mesh resists."""
-        activations = self.activations(plain)
+        activations = self.activations(plain, distorted)
         if not activations:
             return None
         sigma = activations[-1][self.alike]
@@ -247,9 +256,9 @@ class SmoothMotion:
             self._last = key, SmoothRegion.build(free, constraint, self.reference)
         return self._last[1].with_activation(sigma)
 
-    def activations(self, plain: Floats) -> list[Floats]:
+    def activations(self, plain: Floats, distorted: Integers | None = None) -> list[Floats]:
         """σ (n,) of the plain mesh (n, d) before and after each ring, equal for images; none if all are 0."""
-        simplices = self.distorted_corners(plain)
+        simplices = self.distorted_corners(plain, distorted)
         if simplices is None:
             return []
         distortion = corner_distortions(plain, simplices, self.law.norm)
@@ -265,15 +274,17 @@ class SmoothMotion:
             found.append(found[-1] + (1.0 - found[-1]) * (self.averages @ found[-1]))
         return found
 
-    def distorted_corners(self, plain: Floats) -> CornerSimplices | None:
+    def distorted_corners(self, plain: Floats, distorted: Integers | None = None) -> CornerSimplices | None:
         """The corners of cells that resist in the plain mesh (n, d), and of some others; None if no cell resists.
 
         Nothing is stored for the other cells: in a large mesh the maps of all corners would take most of the memory.
         """
-        limit = math.exp(-self.law.onset) * (1.0 + 1e-9)  # far above the rounding
-        marked = corner_quality(plain, self.cells, self.reference) < limit
-        if not marked.any():
+        if distorted is None:
+            distorted = np.flatnonzero(corner_quality(plain, self.cells, self.reference) < self.limit)
+        if not len(distorted):
             return None
+        marked = np.zeros(len(self.cells), dtype=bool)
+        marked[distorted] = True
         sizes = self._sizes[marked]
         return corner_simplices(self.reference, self.cells.chosen(marked), sizes, at_rest=True, angles=True)
 

@@ -18,7 +18,7 @@ from functools import partial
 import numpy as np
 from mesh_motion_protocol.errors import QualityRefused, Timeout
 
-from mesh_motion_numerics.arrays import Floats, Marks
+from mesh_motion_numerics.arrays import Floats, Integers, Marks
 from mesh_motion_numerics.blas import one_blas_thread
 from mesh_motion_numerics.correction.correction import Correction, CorrectionProblem, correct
 from mesh_motion_numerics.correction.smooth_motion import SmoothMotion
@@ -84,12 +84,14 @@ class _Step:
 class _Predicted:
     """An interpolated motion and its quality.
 
+    distorted : the cells that a smooth correction must consider; None if they are not known
     factors : the factorizations found in the cache for it
     """
 
     motion: StandardMotion
     trial: StandardTrial
     quality: Judgement
+    distorted: Integers | None
     factors: Recorded
 
 
@@ -259,7 +261,7 @@ class MotionModel(DifferentiableMesh):
             carried = None
             if turns is not None and self.winding is not None:
                 carried, smooth = partial(self.winding.carried, turns), smooth.later(self.winding.sheared(turns))
-            followed = smooth_step(smooth, step.committed, before, plain, ways, carried)
+            followed = smooth_step(smooth, step.committed, before, plain, ways, carried, predicted.distorted)
         found, correction = followed.found, followed.correction()
         motion = self._accept(predicted, correction, watch)
         if not (found.converged or motion.reached):
@@ -301,7 +303,7 @@ class MotionModel(DifferentiableMesh):
         factors = Recorded(step.factors)
         trial = self._plain(motion, replace(step, factors=factors), turns, 1.0, watch)
         with watch.phase("predict"):
-            return _Predicted(motion, trial, self.summary(trial.points), factors)
+            return _Predicted(motion, trial, *self.prediction(trial.points), factors)
 
     def _plain(
         self, motion: StandardMotion, step: _Step, turns: Turns | None, fraction: float, watch: Stopwatch | None = None

@@ -25,8 +25,8 @@ from mesh_motion_numerics.motion.standard_motion import StandardMotion
 from mesh_motion_numerics.motion.winding import Winding, winding_body
 from mesh_motion_numerics.quality.headroom import Headroom, headroom
 from mesh_motion_numerics.quality.mesh_check import checked_mesh
-from mesh_motion_numerics.quality.metrics import AtRest, CellQuality, cells_at_rest
-from mesh_motion_numerics.quality.quality_summary import Judgement, lowest_of, lowest_quality, mesh_summary, summarize
+from mesh_motion_numerics.quality.metrics import AtRest, CellQuality, CellsAtRest, cells_at_rest
+from mesh_motion_numerics.quality.quality_summary import Judgement, judged_mesh, lowest_of, summarize
 
 __all__ = ["PreparedMesh"]
 
@@ -154,11 +154,27 @@ class PreparedMesh:
 
         If the ``quality`` of every cell at these points is given, no cell is judged again.
         """
-        metric = self.method.quality_metric
         if quality is not None:
-            return (summarize if self.distributions else lowest_of)(quality, points, self.cells, metric=metric)
-        judged = mesh_summary if self.distributions else lowest_quality
-        return judged(points, self.cells, self.reference_sizes, metric=metric)
+            judge = summarize if self.distributions else lowest_of
+            return judge(quality, points, self.cells, metric=self.method.quality_metric)
+        return self._judged(points, 0.0)[0]
+
+    def prediction(self, points: Floats) -> tuple[Judgement, Integers | None]:
+        """Quality of a plain motion to ``points`` (n, d), and the cells that a smooth correction must consider.
+
+        These cells are None if only the correction can find them.
+        """
+        if (
+            self.smooth is None
+            or self.method.correction != "smooth"
+            or not isinstance(self.reference_sizes, CellsAtRest)
+        ):
+            return self.summary(points), None
+        return self._judged(points, self.smooth.limit)
+
+    def _judged(self, points: Floats, limit: float) -> tuple[Judgement, Integers]:
+        choices = {"metric": self.method.quality_metric, "distributions": self.distributions, "limit": limit}
+        return judged_mesh(points, self.cells, self.reference_sizes, **choices)  # type: ignore[arg-type]
 
     @cached_property
     def carrying_layers(self) -> StandardMotion:

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from mesh_motion_protocol.errors import QualityRefused
 
-from mesh_motion_numerics.arrays import Floats
+from mesh_motion_numerics.arrays import Floats, Integers
 from mesh_motion_numerics.correction.correction import Correction
 from mesh_motion_numerics.correction.smooth_motion import Smoothed, SmoothMotion
 
@@ -98,6 +98,7 @@ def smooth_step(
     plain: Floats,
     ways: Callable[[], Iterable[PlainWay]],
     carried: Carried | None = None,
+    distorted: Integers | None = None,
 ) -> Followed:
     """The corrected mesh for the ``plain`` motion (n, d).
 
@@ -111,6 +112,8 @@ def smooth_step(
         plain motion (n, d), from there to ``plain``.
     carried : callable, optional
         Carries a mesh along a part of the way; by default with the plain motion.
+    distorted : (k,) int64 array, optional
+        As in :meth:`.SmoothMotion.correct`.
 
     Raises
     ------
@@ -118,7 +121,7 @@ def smooth_step(
         If no way leads to a valid mesh; the message says how far the mesh stayed valid.
     """
     carried = carried or _with_plain
-    at_once = correction.correct(plain, lambda: carried(committed, plain_before(), plain, 0.0, 1.0))
+    at_once = correction.correct(plain, lambda: carried(committed, plain_before(), plain, 0.0, 1.0), distorted)
     if at_once.converged:
         return Followed(at_once, 1.0, 1, at_once.iterations)
     furthest, left, before = 0.0, _MOST_ITERATIONS, plain_before()

@@ -165,8 +165,8 @@ int mesh_motion_lowest_cells(const mesh_motion_cells* cells, int64_t n, const do
     return answered([&] {
         const Request asked(given(cells, "cells"), n, points, reference_sizes, skews_at_rest, points_at_rest,
                             metric, count, numbers, values);
-        const auto [lowest, found, turned] =
-            lowest_cells(asked.points, asked.blocks, asked.reference, asked.rest, asked.metric, count);
+        const auto [lowest, found, turned, none] =
+            lowest_cells(asked.points, asked.blocks, asked.reference, asked.rest, asked.metric, count, 0.0);
         std::copy(found.values.begin(), found.values.end(), asked.numbers.begin());
         std::copy(lowest.values.begin(), lowest.values.end(), asked.values.begin());
         given(inverted, "inverted") = turned;
@@ -180,8 +180,8 @@ int mesh_motion_judge_cells(const mesh_motion_cells* cells, int64_t n, const dou
     return answered([&] {
         const Request asked(given(cells, "cells"), n, points, reference_sizes, skews_at_rest, points_at_rest,
                             metric, count, numbers, values);
-        const auto [rows, found, turned] =
-            judged_cells(asked.points, asked.blocks, asked.reference, asked.rest, asked.metric, count);
+        const auto [rows, found, turned, none] =
+            judged_cells(asked.points, asked.blocks, asked.reference, asked.rest, asked.metric, count, 0.0);
         const auto row = [&](Index k) { return distribution_in(rows.view()[k]); };
         given(quality, "quality") = {row(0), row(1), row(2), row(std::min<Index>(asked.metric, 3)), turned};
         std::copy(found.values.begin(), found.values.end(), asked.numbers.begin());
@@ -190,7 +190,7 @@ int mesh_motion_judge_cells(const mesh_motion_cells* cells, int64_t n, const dou
             const Index cell = found.values[s];
             double size, skew, relative;
             bool inverted;
-            judged.judge(cell, cell + 1, &size, &skew, judged.has_rest() ? &relative : nullptr, &inverted);
+            judged.judge(cell, cell + 1, {&size, &skew, &inverted, judged.has_rest() ? &relative : nullptr});
             metric_of(static_cast<Metric>(asked.metric), 1, &size, &skew, &relative,
                       &asked.values[static_cast<Index>(s)]);
         }

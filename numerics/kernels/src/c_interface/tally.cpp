@@ -159,7 +159,7 @@ int mesh_motion_tally_judge(mesh_motion_tally* tally, int64_t n, const double* p
             const auto [type, number, nodes] = cells.at(cell);
             double size, skew, relative, *row = into.worst[s];
             bool is_inverted;
-            judged.judge(cell, cell + 1, &size, &skew, judged.has_rest() ? &relative : nullptr, &is_inverted);
+            judged.judge(cell, cell + 1, {&size, &skew, &is_inverted, judged.has_rest() ? &relative : nullptr});
             row[0] = static_cast<double>(type - cell_types), row[1] = static_cast<double>(number);
             metric_of(static_cast<Metric>(own.metric), 1, &size, &skew, &relative, &row[2]);
             row[3] = size, row[4] = skew;
@@ -220,8 +220,8 @@ struct Qualities {
           inverted(new bool[tally.cells->count]) {
         const Cells cells(points, tally.cells->blocks(), view_of(tally.sizes), tally.rest());
         for_ranges(cells.size(), judged_at_once, [&](Index first, Index last) {
-            cells.judge(first, last, &size[first], &skew[first], relative.empty() ? nullptr : &relative[first],
-                        &inverted[first]);
+            double* const shapes = relative.empty() ? nullptr : &relative[first];
+            cells.judge(first, last, {&size[first], &skew[first], &inverted[first], shapes});
         });
     }
 

@@ -96,10 +96,13 @@ template <int n>
     signs = valid ? signs : 0.0;
 }
 
-/// Judges `count` ≤ chunk cells. gather(k, jacobians) writes the Jacobians of their corners k.
-template <class Type, class Gather>
+constexpr auto nothing = [](int, const auto&) {};
+
+/// Judges `count` ≤ chunk cells. gather(k, jacobians) writes the Jacobians of their corners k; also(k, jacobians) can
+/// use them.
+template <class Type, class Gather, class Also = decltype(nothing)>
 void judge_chunk(Gather&& gather, Index count, const double* __restrict reference, double* __restrict size,
-                 double* __restrict skew, bool* __restrict inverted) {
+                 double* __restrict skew, bool* __restrict inverted, const Also& also = nothing) {
     constexpr int n = static_cast<int>(Type::corners.size());
     Jacobians<Type::dimension> jacobians;
     alignas(64) double extent[chunk], terms[chunk], signs[chunk];  // Σ α, Σ f, Σ sign α
@@ -117,21 +120,11 @@ void judge_chunk(Gather&& gather, Index count, const double* __restrict referenc
                 terms[s] = k ? terms[s] + term : term;
             }
         }
+        also(k, jacobians);
     }
     for (Index s = 0; n > 1 && s < count; ++s)
         judge_cell<n>(extent[s], terms[s], reference[s], size[s], skew[s], signs[s]);
     for (Index s = 0; s < count; ++s) inverted[s] = signs[s] < n;
-}
-
-/// Judges the cells of one block from their nodes.
-template <class Type>
-void judge_rows(Matrix<const double> points, Matrix<const Node> nodes, const double* reference, double* size,
-                double* skew, bool* inverted) {
-    for_chunks(0, nodes.shape(0), [&](Index first, Index count) {
-        const Rows rows(points, nodes, first, count);
-        judge_chunk<Type>(from_points<Type>(points, count, rows.cells<Type>(), rows.inside), count, reference + first,
-                          size + first, skew + first, inverted + first);
-    });
 }
 
 constexpr double flat_corner = 1e-6;  // of det / product of the edge lengths: flatter corners have no shape
@@ -177,79 +170,112 @@ template <int d>
 
 /// Π |a_k|² of the edges a_k.
 template <int d>
-double squared_lengths(const Corner<d>& corner) {
+[[gnu::always_inline]] inline double squared_lengths(const Corner<d>& corner) {
     double product = 1.0;
     for (int j = 0; j < d; ++j) product *= corner.lambda(j, j);
     return product;
 }
 
-/// The value of one corner.
+/// The quality of one corner relative to its state at rest, from its shape; without branches, so that a loop over
+/// corners fills registers.
 template <class Type, int d = Type::dimension>
-double corner_value(const Corner<d>& now, const Corner<d>& rest) {
+[[gnu::always_inline]] inline double corner_value(const Corner<d>& now, const Corner<d>& rest, double shape) {
     constexpr bool simplex = Type::nodes == d + 1, box = !simplex && Type::corners.size() == 1 << d;
-    const double det = now.determinant(), whole = rest.determinant(), before = squared_lengths<d>(rest);
-    if (!simplex && std::abs(whole) <= flat_corner * std::sqrt(before)) return 0.0;
-    if (!(det * whole > smallest * whole * whole)) return 0.0;  // avoids a division by zero, which ends OpenFOAM
-    const double shape = kept_shape<d>(now, rest), tau = det / whole, size = std::sqrt(std::min(tau, 1.0 / tau));
-    if (!box) return shape * size;
-    const double oblique = 0.5 * logarithm(squared_lengths<d>(now) / before) - logarithm(tau);
-    return shape * size * (oblique > 0.0 ? exponential(-AngleLaw(oblique).value()) : 1.0);
+    const double det = now.determinant(), whole = rest.determinant(), before = simplex ? 1.0 : squared_lengths<d>(rest);
+    const bool flat = !simplex & (std::abs(whole) <= flat_corner * std::sqrt(before));
+    const bool valid = !flat & (det * whole > smallest * whole * whole);
+    const double tau = (valid ? det : 1.0) / (valid ? whole : 1.0);  // avoids a division by zero, which ends OpenFOAM
+    double value = shape * std::sqrt(tau < 1.0 ? tau : 1.0 / tau);
+    if constexpr (box) {
+        const double oblique = 0.5 * logarithm(squared_lengths<d>(now) / (valid ? before : 1.0)) - logarithm(tau);
+        value *= oblique > 0.0 ? exponential(-AngleLaw(oblique).value()) : 1.0;
+    }
+    return valid ? value : 0.0;
 }
 
-/// The values of the corners of one block.
+/// The comparison of a chunk's cells with their state at rest, corner after corner.
 template <class Type>
-void corner_rows(Matrix<const double> points, Matrix<const double> rest_points, Matrix<const Node> nodes,
-                 double* quality) {
-    constexpr int d = Type::dimension;
+struct Compared {
+    using Moved = Jacobians<Type::dimension>;
+    alignas(64) double shape[chunk], corner[chunk];  // of relative_shapes, and of corner_quality
+
+    explicit Compared(Index count) {
+        std::fill_n(shape, count, 1.0);  // min starts with the first corner: unset entries may be NaN
+        std::fill_n(corner, count, infinity);
+    }
+
+    /// Adds one corner of `count` cells; with_corner: also for corner_quality.
+    template <bool with_corner>
+    void add(const Moved& moved, const Moved& rest, Index count) {
+        constexpr int d = Type::dimension;
+        alignas(64) double kept[chunk];
+        if constexpr (Type::nodes != d + 1) {  // the relative shape of a simplex is that of its skew
+            for (Index s = 0; s < count; ++s) kept[s] = kept_shape<d>({moved, s}, {rest, s});
+            for (Index s = 0; s < count; ++s) shape[s] = shape[s] < kept[s] ? shape[s] : kept[s];
+        }
+        for (Index s = 0; with_corner && s < count; ++s) {
+            const Corner<d> here(moved, s), there(rest, s);
+            if constexpr (Type::nodes == d + 1) corner[s] = corner_value<Type>(here, there, kept_shape<d>(here, there));
+            else kept[s] = corner_value<Type>(here, there, kept[s]);
+        }
+        for (Index s = 0; with_corner && Type::nodes != d + 1 && s < count; ++s)
+            corner[s] = kept[s] < corner[s] ? kept[s] : corner[s];
+    }
+};
+
+/// Calls f(first, count, compared) for the chunks of the cells of one block.
+template <bool with_corner, class Type, class F>
+void compare_rows(Matrix<const double> points, Matrix<const double> rest_points, Matrix<const Node> nodes, F&& f) {
     for_chunks(0, nodes.shape(0), [&](Index first, Index count) {
         const Rows rows(points, nodes, first, count);
         const auto now = from_points<Type>(points, count, rows.cells<Type>(), rows.inside);
         const auto before = from_points<Type>(rest_points, count, rows.cells<Type>(), rows.inside);
-        Jacobians<d> moved, rest;
-        std::fill(quality + first, quality + first + count, infinity);
+        Jacobians<Type::dimension> moved, rest;
+        Compared<Type> compared(count);
         for (int k = 0; k < static_cast<int>(Type::corners.size()); ++k) {
             now(k, moved);
             before(k, rest);
-            for (Index s = 0; s < count; ++s) {
-                const double value = corner_value<Type>(Corner<d>(moved, s), Corner<d>(rest, s));
-                quality[first + s] = value < quality[first + s] ? value : quality[first + s];
-            }
+            compared.template add<with_corner>(moved, rest, count);
         }
+        f(first, count, compared);
     });
 }
 
-/// The relative shapes of the cells of one block.
+/// The relative shapes of cells, from their skews; `shape` is that of Compared.
 template <class Type>
-void relate_rows(Matrix<const double> points, Matrix<const double> rest_points, Matrix<const Node> nodes,
-                 const double* skew, const double* rest_skew, double* shapes) {
-    constexpr int d = Type::dimension;
-    constexpr bool simplex = Type::nodes == d + 1;
-    if constexpr (simplex) {
-        for (Index s = 0; s < nodes.shape(0); ++s) {
-            const double shape = skew[s] / rest_skew[s];
-            shapes[s] = shape < 1.0 ? shape : 1.0;  // a shape better than at rest counts as the shape at rest
+void relate(Index count, const double* skew, const double* rest_skew, const double* shape, double* shapes) {
+    for (Index s = 0; s < count; ++s) {
+        if constexpr (Type::nodes == Type::dimension + 1) {
+            const double kept = skew[s] / rest_skew[s];
+            shapes[s] = kept < 1.0 ? kept : 1.0;  // a shape better than at rest counts as the shape at rest
+        } else {  // 0 or −∞ for cells that are partly inverted or have no position
+            shapes[s] = skew[s] > 0.0 ? shape[s] : skew[s];
         }
-    } else {
-        for_chunks(0, nodes.shape(0), [&](Index first, Index count) {
-            const Rows rows(points, nodes, first, count);
-            const auto now = from_points<Type>(points, count, rows.cells<Type>(), rows.inside);
-            const auto before = from_points<Type>(rest_points, count, rows.cells<Type>(), rows.inside);
-            Jacobians<d> moved, rest;
-            alignas(64) double least[chunk];
-            std::fill(least, least + count, 1.0);  // min starts with the first corner: unset entries may be NaN
-            for (int k = 0; k < static_cast<int>(Type::corners.size()); ++k) {
-                now(k, moved);
-                before(k, rest);
-                for (Index s = 0; s < count; ++s) {
-                    const double shape = kept_shape<d>(Corner<d>(moved, s), Corner<d>(rest, s));
-                    least[s] = least[s] < shape ? least[s] : shape;
-                }
-            }
-            for (Index s = 0; s < count; ++s) {  // 0 or −∞ for cells that are partly inverted or have no position
-                shapes[first + s] = skew[first + s] > 0.0 ? least[s] : skew[first + s];
-            }
-        });
     }
+}
+
+/// Judges the cells of one block; the state at rest is only needed for the members of `found` that may be null.
+template <class Type>
+void judge_rows(Matrix<const double> points, Matrix<const Node> nodes, const double* reference,
+                Matrix<const double> rest_points, const double* rest_skew, Judgement found) {
+    constexpr bool simplex = Type::nodes == Type::dimension + 1;
+    for_chunks(0, nodes.shape(0), [&](Index first, Index count) {
+        const Rows rows(points, nodes, first, count);
+        const auto now = from_points<Type>(points, count, rows.cells<Type>(), rows.inside);
+        const auto before = from_points<Type>(rest_points, count, rows.cells<Type>(), rows.inside);
+        Compared<Type> compared(count);
+        Jacobians<Type::dimension> rest;
+        const auto compare = [&](int k, const Jacobians<Type::dimension>& moved) {
+            if (!found.corner && (simplex || !found.relative)) return;
+            before(k, rest);
+            if (found.corner) compared.template add<true>(moved, rest, count);
+            else compared.template add<false>(moved, rest, count);
+        };
+        const Judgement here = found.from(first);
+        judge_chunk<Type>(now, count, reference + first, here.size, here.skew, here.inverted, compare);
+        if (found.relative) relate<Type>(count, here.skew, rest_skew + first, compared.shape, here.relative);
+        if (found.corner) std::copy_n(compared.corner, count, here.corner);
+    });
 }
 
 void require_results(Index m, Vector<const double> reference, Vector<double> size, Vector<double> skew,
@@ -278,7 +304,7 @@ Cells::Cells(Matrix<const double> points, std::vector<Matrix<const Node>> blocks
     Index first = 0;
     for (const auto& nodes : blocks) {
         with_cell_type(points.shape(1), nodes.shape(1), [&](auto type) {
-            blocks_.push_back({nodes, first, judge_rows<decltype(type)>, relate_rows<decltype(type)>});
+            blocks_.push_back({nodes, first, judge_rows<decltype(type)>});
         });
         first += nodes.shape(0);
     }
@@ -295,18 +321,15 @@ void Cells::by_block(Index first, Index last, F&& f) const {
     }
 }
 
-void Cells::judge(Index first, Index last, double* size, double* skew, double* relative, bool* inverted) const {
+void Cells::judge(Index first, Index last, Judgement found) const {
     by_block(first, last, [&](const Block& block, Index from, Index to) {
-        const Index place = from - first;
         const auto nodes = block.nodes.rows(from - block.first, to - block.first);
-        block.judge(points_, nodes, reference_.data() + from, size + place, skew + place, inverted + place);
-        if (relative)
-            block.relate(points_, rest_.points, nodes, skew + place, rest_.skews.data() + from, relative + place);
+        const double* rest = has_rest() ? rest_.skews.data() + from : nullptr;
+        block.judge(points_, nodes, reference_.data() + from, rest_.points, rest, found.from(from - first));
     });
 }
 
-void Cells::judge_chosen(Vector<const Index> numbers, double* size, double* skew, double* relative,
-                         bool* inverted) const {
+void Cells::judge_chosen(Vector<const Index> numbers, Judgement found) const {
     std::vector<Node> nodes;
     std::vector<double> reference, rest;
     const Index* at = numbers.begin();
@@ -320,12 +343,10 @@ void Cells::judge_chosen(Vector<const Index> numbers, double* size, double* skew
             const auto row = block.nodes[*number - block.first];
             nodes.insert(nodes.end(), row.begin(), row.end());
             reference.push_back(reference_[*number]);
-            if (relative) rest.push_back(rest_.skews[*number]);
+            if (found.relative) rest.push_back(rest_.skews[*number]);
         }
-        const Index place = at - numbers.begin();
         const Matrix<const Node> rows(nodes.data(), {end - at, block.nodes.shape(1)});
-        block.judge(points_, rows, reference.data(), size + place, skew + place, inverted + place);
-        if (relative) block.relate(points_, rest_.points, rows, skew + place, rest.data(), relative + place);
+        block.judge(points_, rows, reference.data(), rest_.points, rest.data(), found.from(at - numbers.begin()));
         at = end;
     }
 }
@@ -415,8 +436,8 @@ void cell_quality(Matrix<const double> points, Matrix<const Node> nodes, Vector<
     require_results(nodes.shape(0), reference, size, skew, inverted);
     with_cell_type(points.shape(1), nodes.shape(1), [&]<class Type>(Type) {
         for_ranges(nodes.shape(0), judged_at_once, [&](Index first, Index last) {
-            judge_rows<Type>(points, nodes.rows(first, last), reference.data() + first, size.data() + first,
-                             skew.data() + first, inverted.data() + first);
+            judge_rows<Type>(points, nodes.rows(first, last), reference.data() + first, {}, nullptr,
+                             Judgement{size.data(), skew.data(), inverted.data()}.from(first));
         });
     });
 }
@@ -451,8 +472,11 @@ void relative_shapes(Matrix<const double> points, Matrix<const double> rest_poin
     require(rest_points.shape() == points.shape(), "rest_points: expected the shape of points");
     with_cell_type(points.shape(1), nodes.shape(1), [&]<class Type>(Type) {
         for_ranges(m, judged_at_once, [&](Index first, Index last) {
-            relate_rows<Type>(points, rest_points, nodes.rows(first, last), skew.data() + first,
-                              rest_skew.data() + first, shapes.data() + first);
+            const auto own = [&, start = first](Index place, Index count, const Compared<Type>& compared) {
+                const Index at = start + place;
+                relate<Type>(count, &skew[at], &rest_skew[at], compared.shape, &shapes[at]);
+            };
+            compare_rows<false, Type>(points, rest_points, nodes.rows(first, last), own);
         });
     });
 }
@@ -464,7 +488,10 @@ void corner_quality(Matrix<const double> points, Matrix<const double> rest_point
     require(rest_points.shape() == points.shape(), "rest_points: expected the shape of points");
     with_cell_type(points.shape(1), nodes.shape(1), [&]<class Type>(Type) {
         for_ranges(m, judged_at_once, [&](Index first, Index last) {
-            corner_rows<Type>(points, rest_points, nodes.rows(first, last), quality.data() + first);
+            const auto own = [&, start = first](Index place, Index count, const Compared<Type>& compared) {
+                std::copy_n(compared.corner, count, &quality[start + place]);
+            };
+            compare_rows<true, Type>(points, rest_points, nodes.rows(first, last), own);
         });
     });
 }

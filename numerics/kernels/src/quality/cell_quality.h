@@ -57,6 +57,22 @@ inline double inverse_cube_root(double x) {
     return better(better(y));
 }
 
+/// Where the size, skew and validity of cells go, and, if they are not null, their relative shapes and the quality of
+/// their worst corners.
+struct Judgement {
+    double* size;
+    double* skew;
+    bool* inverted;
+    double* relative = nullptr;
+    double* corner = nullptr;
+
+    /// The places from the cell `first` on.
+    Judgement from(Index first) const {
+        return {size + first, skew + first, inverted + first, relative ? relative + first : nullptr,
+                corner ? corner + first : nullptr};
+    }
+};
+
 /// Judges cells of several blocks with consecutive numbers.
 class Cells {
   public:
@@ -67,10 +83,10 @@ class Cells {
     Index size() const { return reference_.size(); }
     bool has_rest() const { return rest_.skews.size() == size(); }
 
-    /// Sizes, skews, relative shapes (if not null) and validity of the cells first … last − 1.
-    void judge(Index first, Index last, double* size, double* skew, double* relative, bool* inverted) const;
-    /// The same for cells with ascending numbers.
-    void judge_chosen(Vector<const Index> numbers, double* size, double* skew, double* relative, bool* inverted) const;
+    /// Judges the cells first … last − 1.
+    void judge(Index first, Index last, Judgement found) const;
+    /// Judges cells with ascending numbers.
+    void judge_chosen(Vector<const Index> numbers, Judgement found) const;
     /// near[s]: whether the metric of the cell first + s may be at most the limit; returns the number of such cells, of
     /// at most `chunk` cells. All are marked if the check costs as much as judging.
     Index mark_near(Index first, Index last, Metric metric, double limit, Index* near) const;
@@ -79,9 +95,8 @@ class Cells {
     struct Block {
         Matrix<const Node> nodes;
         Index first;
-        void (*judge)(Matrix<const double>, Matrix<const Node>, const double*, double*, double*, bool*);
-        void (*relate)(Matrix<const double>, Matrix<const double>, Matrix<const Node>, const double*, const double*,
-                       double*);
+        void (*judge)(Matrix<const double>, Matrix<const Node>, const double*, Matrix<const double>, const double*,
+                      Judgement);
     };
     /// Calls f(block, first, last) for the cells of each block among the cells first … last − 1.
     template <class F>

@@ -26,8 +26,11 @@ struct Judged {
         : size(count), skew(count), relative(ranked == Metric::relative_size_skew ? count : 0), values(count),
           inverted(new bool[count]) {}
 
-    /// The place for the relative shapes of the cells from `first` on; null if they are not needed.
-    double* relative_from(Index first) { return relative.empty() ? nullptr : relative.data() + first; }
+    /// The places for the cells from `first` on.
+    Judgement from(Index first) {
+        double* const shapes = relative.empty() ? nullptr : relative.data();
+        return Judgement{size.data(), skew.data(), inverted.get(), shapes}.from(first);
+    }
 
     /// Computes the values of a metric.
     void fill(Metric metric) {
@@ -40,8 +43,7 @@ Judged judged(const Cells& cells, const std::vector<Index>& numbers, Metric rank
     const Index n = static_cast<Index>(numbers.size());
     Judged found(n, ranked);
     for_ranges(n, 8 * chunk, [&](Index first, Index last) {
-        cells.judge_chosen({numbers.data() + first, {last - first}}, &found.size[first], &found.skew[first],
-                           found.relative_from(first), &found.inverted[first]);
+        cells.judge_chosen({numbers.data() + first, {last - first}}, found.from(first));
     });
     return found;
 }
@@ -52,10 +54,11 @@ double limit_of(std::vector<double>& sample, Index count, Index m) {
     return count < 1 || m < 1 ? -infinity : select(sample, count - 1);
 }
 
-Metric checked(Index metric, const Cells& cells) {
+Metric checked(Index metric, const Cells& cells, double corner_limit = 0.0) {
     require(metric >= 0 && metric <= static_cast<Index>(Metric::relative_size_skew), "metric: expected 0 to 5");
     const auto known = static_cast<Metric>(metric);
-    require(known != Metric::relative_size_skew || cells.has_rest(), "rest: expected the skews and points at rest");
+    require((known != Metric::relative_size_skew && !(corner_limit > 0.0)) || cells.has_rest(),
+            "rest: expected the skews and points at rest");
     return known;
 }
 
@@ -66,17 +69,42 @@ std::vector<Metric> reported(Metric ranked) {
     return metrics;
 }
 
-/// Calls f(k, values) for the reported metrics of the cells first … first + n − 1, at most a chunk; returns the number
-/// of inverted cells.
+/// The cells whose worst corner has a lower quality than a limit; none if the limit is 0.
+struct Distorted {
+    double limit;
+    std::vector<Index> numbers;
+
+    /// Adds those of the n cells from `first` on.
+    void add(const double* corner, Index first, Index n) {
+        bool any = false;
+        for (Index s = 0; s < n; ++s) any |= corner[s] < limit;
+        for (Index s = 0; any && s < n; ++s)
+            if (corner[s] < limit) numbers.push_back(first + s);
+    }
+};
+
+/// The cells of all tasks.
+Owned<Index, 1> together(const std::vector<Distorted>& tasks) {
+    std::vector<Index> all;
+    for (const Distorted& task : tasks) all.insert(all.end(), task.numbers.begin(), task.numbers.end());
+    return owned(std::move(all));
+}
+
+/// Calls f(k, values) for the metrics of the cells first … first + n − 1, at most a chunk; returns the number of
+/// inverted cells.
 template <class F>
-Index for_metrics(const Cells& cells, const std::vector<Metric>& metrics, Index first, Index n, F&& f) {
-    alignas(64) double size[chunk], skew[chunk], relative[chunk], other[chunk];
+Index for_metrics(const Cells& cells, const std::vector<Metric>& metrics, Index first, Index n, Distorted& distorted,
+                  F&& f) {
+    alignas(64) double size[chunk], skew[chunk], relative[chunk], corner[chunk], other[chunk];
     bool inverted[chunk];
-    const bool is_relative = metrics.back() == Metric::relative_size_skew;
-    cells.judge(first, first + n, size, skew, is_relative ? relative : nullptr, inverted);
+    const bool is_relative = metrics.back() == Metric::relative_size_skew, compares = distorted.limit > 0.0;
+    cells.judge(first, first + n,
+                {size, skew, inverted, is_relative ? relative : nullptr, compares ? corner : nullptr});
+    if (compares) distorted.add(corner, first, n);
     for (Index k = 0; k < static_cast<Index>(metrics.size()); ++k) {
-        if (k > 1) metric_of(metrics[k], n, size, skew, relative, other);
-        f(k, k == 0 ? size : k == 1 ? skew : other);
+        const bool given = metrics[k] == Metric::size || metrics[k] == Metric::skew;
+        if (!given) metric_of(metrics[k], n, size, skew, relative, other);
+        f(k, !given ? other : metrics[k] == Metric::size ? size : skew);
     }
     return std::count(inverted, inverted + n, true);
 }
@@ -119,12 +147,10 @@ void check_bins(Index bins) {
 
 }  // namespace
 
-std::tuple<Owned<double, 1>, Owned<Index, 1>, Index> lowest_cells(Matrix<const double> points, const Blocks& blocks,
-                                                                  Vector<const double> reference,
-                                                                  AtRest rest, Index metric,
-                                                                  Index count) {
+std::tuple<Owned<double, 1>, Owned<Index, 1>, Index, Owned<Index, 1>> lowest_cells(Matrix<const double> points, const Blocks& blocks, Vector<const double> reference,
+                          AtRest rest, Index metric, Index count, double corner_limit) {
     const Cells cells(points, blocks, reference, rest);
-    const Metric ranked = checked(metric, cells);
+    const Metric ranked = checked(metric, cells, corner_limit);
     const Index m = cells.size();
     const auto first_ones = sample_of(m, std::min(m, looked_at_first));
     Judged sample = judged(cells, first_ones, ranked);
@@ -134,10 +160,17 @@ std::tuple<Owned<double, 1>, Owned<Index, 1>, Index> lowest_cells(Matrix<const d
     const Index tasks = (m + judged_at_once - 1) / judged_at_once;
     std::vector<Lowest> lowest(tasks, Lowest(count));
     std::vector<Index> inversions(tasks);
+    std::vector<Distorted> distorted(tasks, Distorted{corner_limit, {}});
     for_ranges(m, judged_at_once, [&](Index begin, Index end) {
         const Index task = begin / judged_at_once;
         std::vector<Index> near;
-        for (Index first = begin; first < end; first += chunk) {
+        for (Index first = begin; first < end && corner_limit > 0.0; first += chunk) {
+            const Index n = std::min(chunk, end - first);
+            inversions[task] += for_metrics(cells, {ranked}, first, n, distorted[task], [&](Index, const double* own) {
+                lowest[task].add(own, first, n, limit);
+            });
+        }
+        for (Index first = begin; first < end && !(corner_limit > 0.0); first += chunk) {
             Index marks[chunk];
             const Index last = std::min(end, first + chunk);
             if (cells.mark_near(first, last, ranked, limit, marks))
@@ -145,27 +178,24 @@ std::tuple<Owned<double, 1>, Owned<Index, 1>, Index> lowest_cells(Matrix<const d
                     if (marks[e - first]) near.push_back(e);
         }
         Judged found(static_cast<Index>(near.size()), ranked);
-        cells.judge_chosen(view_of(near), found.size.data(), found.skew.data(), found.relative_from(0),
-                           found.inverted.get());
+        cells.judge_chosen(view_of(near), found.from(0));
         found.fill(ranked);
         for (std::size_t k = 0; k < near.size(); ++k)
             if (found.values[k] <= limit) lowest[task].add(found.values[k], near[k]);
         lowest[task].trim();
-        inversions[task] = std::count(found.inverted.get(), found.inverted.get() + near.size(), true);
+        inversions[task] += std::count(found.inverted.get(), found.inverted.get() + near.size(), true);
     });
     Lowest all(count);
     for (const Lowest& part : lowest) all.add(part);
     auto [values, numbers] = all.in_order();
     return {owned(std::move(values)), owned(std::move(numbers)),
-            std::accumulate(inversions.begin(), inversions.end(), Index{0})};
+            std::accumulate(inversions.begin(), inversions.end(), Index{0}), together(distorted)};
 }
 
-std::tuple<Owned<double, 2>, Owned<Index, 1>, Index> judged_cells(Matrix<const double> points, const Blocks& blocks,
-                                                                  Vector<const double> reference,
-                                                                  AtRest rest, Index metric,
-                                                                  Index count) {
+std::tuple<Owned<double, 2>, Owned<Index, 1>, Index, Owned<Index, 1>> judged_cells(Matrix<const double> points, const Blocks& blocks, Vector<const double> reference,
+                          AtRest rest, Index metric, Index count, double corner_limit) {
     const Cells cells(points, blocks, reference, rest);
-    const Metric ranked = checked(metric, cells);
+    const Metric ranked = checked(metric, cells, corner_limit);
     const Index m = cells.size();
     require(m > 0, "blocks: expected at least one cell");
     const auto metrics = reported(ranked);
@@ -192,13 +222,15 @@ std::tuple<Owned<double, 2>, Owned<Index, 1>, Index> judged_cells(Matrix<const d
     std::vector<std::vector<Tally>> tallies(kinds, std::vector<Tally>(tasks));
     std::vector<Lowest> lowest(tasks, Lowest(count));
     std::vector<Index> inversions(tasks);
+    std::vector<Distorted> distorted(tasks, Distorted{corner_limit, {}});
     const auto pass = [&](std::vector<std::vector<double>>* kept, bool tally) {
         for_ranges(m, task_size, [&](Index begin, Index end) {
             const Index task = begin / task_size;
             Index turned = 0;
+            Distorted here{tally ? corner_limit : 0.0, {}};
             for (Index first = begin; first < end; first += chunk) {
                 const Index n = std::min(chunk, end - first);
-                turned += for_metrics(cells, metrics, first, n, [&](Index k, const double* own) {
+                turned += for_metrics(cells, metrics, first, n, here, [&](Index k, const double* own) {
                     if (kept) std::copy_n(own, n, (*kept)[k].data() + first);
                     if (!tally) return;
                     tallies[k][task].add(own, n, brackets.empty() ? nullptr : &brackets[k]);
@@ -208,6 +240,7 @@ std::tuple<Owned<double, 2>, Owned<Index, 1>, Index> judged_cells(Matrix<const d
             if (!tally) return;
             lowest[task].trim();
             inversions[task] = turned;
+            distorted[task] = std::move(here);
         });
     };
     std::vector<std::vector<double>> kept(kinds);
@@ -243,7 +276,7 @@ std::tuple<Owned<double, 2>, Owned<Index, 1>, Index> judged_cells(Matrix<const d
     Lowest all(count);
     for (const Lowest& part : lowest) all.add(part);
     return {Owned<double, 2>{std::move(found), {kinds, 2 + percentiles}}, owned(all.in_order().second),
-            std::accumulate(inversions.begin(), inversions.end(), Index{0})};
+            std::accumulate(inversions.begin(), inversions.end(), Index{0}), together(distorted)};
 }
 
 Owned<double, 2> values_of_cells(Matrix<const double> points, const Blocks& blocks, Vector<const double> reference,
@@ -289,10 +322,11 @@ std::tuple<Owned<double, 2>, Owned<Index, 2>, Owned<Index, 1>, Index> counted_ce
     for_ranges(m, task_size, [&](Index begin, Index end) {
         const Index task = begin / task_size;
         std::vector<Bins> here(kinds, Bins(bins));
+        Distorted none{0.0, {}};
         Index turned = 0;
         for (Index first = begin; first < end; first += chunk) {
             const Index n = std::min(chunk, end - first);
-            turned += for_metrics(cells, metrics, first, n, [&](Index k, const double* own) {
+            turned += for_metrics(cells, metrics, first, n, none, [&](Index k, const double* own) {
                 tallies[k][task].add(own, n, nullptr);
                 here[k].add(own, n, places[k].data() + first);
                 if (k == place) lowest[task].add(own, first, n, limit);

@@ -10,20 +10,21 @@ namespace mesh_motion {
 
 using Blocks = std::vector<Matrix<const Node>>;
 
-/// The `count` lowest values of a metric, ascending, their cells (of equal values the lower numbers), and the number of
-/// inverted cells.
+/// The `count` lowest values of a metric, ascending, their cells (of equal values the lower numbers), the number of
+/// inverted cells, and the cells whose worst corner is below corner_limit (none if this is 0): see corner_quality.
 ///
-/// A sample gives an upper limit of the lowest values. For tetrahedra a comparison of sixth powers finds cells that are
-/// certainly above the limit, and only the others are judged: this takes about half the time of judging all.
-std::tuple<Owned<double, 1>, Owned<Index, 1>, Index> lowest_cells(Matrix<const double> points, const Blocks& blocks,
-                                                                  Vector<const double> reference,
-                                                                  AtRest rest, Index metric, Index count);
+/// A sample gives an upper limit of the lowest values. For tetrahedra without a corner_limit a comparison of sixth
+/// powers finds cells that are certainly above the limit, and only the others are judged: this takes about half the
+/// time of judging all.
+std::tuple<Owned<double, 1>, Owned<Index, 1>, Index, Owned<Index, 1>> lowest_cells(
+    Matrix<const double> points, const Blocks& blocks, Vector<const double> reference, AtRest rest, Index metric,
+    Index count, double corner_limit);
 
 /// Minimum, mean and percentiles (metrics, 5) of size, skew, size-skew and, if it is another one, the metric; the
-/// `count` lowest cells of the metric, and the number of inverted cells.
-std::tuple<Owned<double, 2>, Owned<Index, 1>, Index> judged_cells(Matrix<const double> points, const Blocks& blocks,
-                                                                  Vector<const double> reference,
-                                                                  AtRest rest, Index metric, Index count);
+/// `count` lowest cells of the metric, the number of inverted cells, and the cells below corner_limit as above.
+std::tuple<Owned<double, 2>, Owned<Index, 1>, Index, Owned<Index, 1>> judged_cells(
+    Matrix<const double> points, const Blocks& blocks, Vector<const double> reference, AtRest rest, Index metric,
+    Index count, double corner_limit);
 
 /// Metric, size, skew and size-skew (s, 4) of the cells with these numbers (s,), in their order: of the few that a
 /// report names.
