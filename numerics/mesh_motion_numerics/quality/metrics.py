@@ -50,7 +50,7 @@ from mesh_motion_protocol.errors import InvalidInput
 from numpy.typing import NDArray
 
 from mesh_motion_numerics.arrays import Floats, Integers, Marks, Shorts
-from mesh_motion_numerics.mesh.cells import CellBlock, CellTable, CellType
+from mesh_motion_numerics.mesh.cells import CellTable, CellType
 
 __all__ = [
     "METRIC_CODES",
@@ -313,7 +313,7 @@ def subset_quality(
     for block, rows in cells.numbered:
         here = np.flatnonzero((chosen >= rows.start) & (chosen < rows.stop))
         part, own = empty_quality(len(here)), chosen[here] - rows.start
-        _chosen_quality(positions, block, own, sizes[rows], part)
+        _block_quality(positions, block.nodes[own], sizes[rows][own], part, slice(None))
         out.size[here], out.skew[here], out.inverted[here] = part.size, part.skew, part.inverted
         if rest is not None and out.relative is not None:
             relative = np.empty(len(here))
@@ -350,17 +350,4 @@ def _block_quality(points: Floats, nodes: Shorts, reference: Floats, out: CellQu
         out.size[rows],
         out.skew[rows],
         out.inverted[rows],
-    )
-
-
-def _chosen_quality(points: Floats, block: CellBlock, chosen: Integers, reference: Floats, out: CellQuality) -> None:
-    """Quality of the cells with the given numbers (s,) in a block."""
-    kernels.chosen_quality(
-        points,
-        np.ascontiguousarray(block.nodes),
-        np.ascontiguousarray(reference),
-        np.ascontiguousarray(chosen),
-        out.size,
-        out.skew,
-        out.inverted,
     )

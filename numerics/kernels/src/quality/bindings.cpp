@@ -29,7 +29,6 @@ namespace mesh_motion {
 void bind_quality(nanobind::module_& m) {
     bind(m, "cell_sizes", cell_sizes);
     bind(m, "cell_quality", cell_quality);
-    bind(m, "chosen_quality", chosen_quality);
     bind(m, "relative_shapes", relative_shapes);
     bind(m, "corner_quality", corner_quality);
     bind(m, "transformed_quality", transformed_quality);

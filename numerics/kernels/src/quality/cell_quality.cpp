@@ -442,29 +442,6 @@ void cell_quality(Matrix<const double> points, Matrix<const Node> nodes, Vector<
     });
 }
 
-void chosen_quality(Matrix<const double> points, Matrix<const Node> nodes, Vector<const double> reference,
-                    Vector<const Index> chosen, Vector<double> size, Vector<double> skew, Vector<bool> inverted) {
-    require_results(chosen.size(), Vector<const double>(reference.data(), {chosen.size()}), size, skew, inverted);
-    require(reference.size() == nodes.shape(0), "reference: expected one entry for each cell");
-    require_below(chosen, nodes.shape(0), "chosen: expected numbers of cells");
-    with_cell_type(points.shape(1), nodes.shape(1), [&]<class Type>(Type) {
-        for_ranges(chosen.size(), judged_at_once, [&](Index begin, Index end) {
-            for_chunks(begin, end, [&](Index first, Index count) {
-                double before[chunk];
-                for (Index s = 0; s < count; ++s) {
-                    before[s] = reference[chosen[first + s]];
-                    require_below(nodes[chosen[first + s]], points.shape(0), "nodes: expected numbers of points");
-                }
-                const Node* rows = nodes.data();
-                const Index* numbers = chosen.data() + first;
-                const auto cell = [=](Index s) { return rows + numbers[s] * Type::nodes; };
-                judge_chunk<Type>(from_points<Type>(points, count, cell), count, before, &size[first], &skew[first],
-                                  &inverted[first]);
-            });
-        });
-    });
-}
-
 void relative_shapes(Matrix<const double> points, Matrix<const double> rest_points, Matrix<const Node> nodes,
                      Vector<const double> skew, Vector<const double> rest_skew, Vector<double> shapes) {
     const Index m = nodes.shape(0);

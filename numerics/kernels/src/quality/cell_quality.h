@@ -115,10 +115,6 @@ void cell_sizes(Matrix<const double> points, Matrix<const Node> nodes, Vector<do
 void cell_quality(Matrix<const double> points, Matrix<const Node> nodes, Vector<const double> reference,
                   Vector<double> size, Vector<double> skew, Vector<bool> inverted);
 
-/// The same for the chosen cells (s,) only, in that order.
-void chosen_quality(Matrix<const double> points, Matrix<const Node> nodes, Vector<const double> reference,
-                    Vector<const Index> chosen, Vector<double> size, Vector<double> skew, Vector<bool> inverted);
-
 /// Shape (m,) of each cell relative to that at rest, from its nodes (m, k), its skew now and at rest (m,): for
 /// simplices min(1, skew / skew at rest), for others the smallest d |det T|^(2/d) / |T|² of T = A A₀⁻¹ over the
 /// corners, with A₀ the corner at rest. A corner that is flat at rest is not compared.
