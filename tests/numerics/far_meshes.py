@@ -5,7 +5,7 @@ from box_meshes import box_mesh
 from mesh_motion_numerics.mesh.cells import CellTable
 from sliding_meshes import Mesh
 
-from docs.studies.aerofoil_grids import o_grid
+from docs.studies.aerofoil_grids import c_grid, o_grid
 
 
 def near_block(kind: str, n: int = 5) -> Mesh:
@@ -25,4 +25,10 @@ def far_block(kind: str, n: int) -> Mesh:
 def aerofoil() -> Mesh:
     """An aerofoil with a sharp edge in a far field of 20 chords; its nodes need two scales."""
     grid = o_grid("sharp", around=64, layers=24, first=1e-3, far=20.0)
+    return grid.points, CellTable.from_arrays(grid.cells), grid.patches
+
+
+def cusped_aerofoil() -> Mesh:
+    """An aerofoil with a cusp in a C-grid: at its edge the wall's nodes are much closer than the layer is high."""
+    grid = c_grid("cusped", far=50.0)
     return grid.points, CellTable.from_arrays(grid.cells), grid.patches

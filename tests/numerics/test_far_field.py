@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from far_meshes import aerofoil, far_block, near_block
+from far_meshes import aerofoil, cusped_aerofoil, far_block, near_block
 from mesh_motion_numerics.interpolation import evaluation
 from mesh_motion_numerics.interpolation.far_field import FarFieldFactorization
 from mesh_motion_numerics.interpolation.interpolant import factorize
@@ -49,14 +49,14 @@ def test_a_shift_is_carried_into_the_far_field():
     assert slope.max() < 3.0 * np.linalg.norm(shift) / 1.7
 
 
-@pytest.mark.parametrize("make", [lambda: far_block("quad", 40), aerofoil])
+@pytest.mark.parametrize("make", [lambda: far_block("quad", 40), aerofoil, cusped_aerofoil])
 def test_noise_of_the_boundary_moves_no_node_much_more(make):
     points, cells, patches = make()
     model, factors = MotionModel.build(points, cells, patches, Method()), FactorCache(1 << 28)
     rest = turned(points[model.roles.moving], 10.0)
     noise = 1e-8 * np.random.default_rng(1).uniform(-1.0, 1.0, rest.shape)
     moved = [model.move(points, rest + more, factors).points for more in (0.0, noise)]
-    assert np.abs(moved[1] - moved[0]).max() < 20.0 * np.abs(noise).max()
+    assert np.abs(moved[1] - moved[0]).max() < 10.0 * np.abs(noise).max()
 
 
 def test_a_body_near_a_fixed_node_and_a_named_radius_or_correction_have_one_radius():

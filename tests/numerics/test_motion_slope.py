@@ -76,6 +76,8 @@ CASES: dict[str, tuple[Callable[[], Mesh], dict[str, object]]] = {
     "nothing fixed in space": (lambda: all_moving("tetra"), PLAIN),
     "layer": (lambda: near_block("quad", 10), {"correction": "smooth"}),
     "layer in space": (lambda: near_block("tetra", 10), PLAIN),
+    "high layer on short facets": (lambda: near_block("quad", 30), PLAIN),
+    "high layer in space": (lambda: near_block("tetra", 20), PLAIN),
     "slip walls": (lambda: duct("quad"), {}),
     "slip walls in space": (lambda: duct("hexahedron", 5), {}),
     "slip walls with a layer": (lambda: duct("quad", 10), PLAIN),
@@ -123,7 +125,9 @@ def test_it_is_that_of_differences_and_its_transpose(name: str) -> None:
     points, cells, patches = make()
     model, factors = MotionModel.build(points, cells, patches, Method(**choices)), FactorCache(1 << 28)
     if "layer" in name:
-        model = with_layer(model, patches, 0.11)
+        model = with_layer(model, patches, 0.31 if "high" in name else 0.11)
+        wall = model.standard_motion.layer.wall
+        assert ("high" in name) == (wall.around.nnz > wall.simplices.size)  # whether nodes have means
     rest = points[model.roles.moving]
     moved = model.move(points, rest + motion_of(name, rest), factors).points
     slope, v = model.slope(moved, factors), velocity(rest)

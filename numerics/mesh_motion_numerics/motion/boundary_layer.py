@@ -103,6 +103,10 @@ class BoundaryLayer:
         prescribed = np.zeros(len(points), dtype=bool)
         prescribed[BoundaryRoles.from_patches(patches).prescribed] = True
         tied = layer_nodes(points, cells, facets, patches, wall, thickness)
+        heights = np.zeros(len(wall.nodes))
+        distances = np.where(tied.places.weights > 0.0, np.linalg.norm(tied.offsets, axis=1)[:, None], 0.0)
+        np.maximum.at(heights, tied.places.corners, distances)
+        wall = replace(wall, heights=heights)
         empty = np.empty(0, dtype=np.int64)
         full = cls(points, cells, prescribed, wall, tied, sliding, Shield(empty, empty))
         return full.without(np.zeros(len(points), dtype=bool))

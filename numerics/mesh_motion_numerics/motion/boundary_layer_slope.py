@@ -58,7 +58,7 @@ def _deformations_slope(wall: MovingWall, moved: Floats, weighting: Floats, defo
     ``weighting`` is A (w, d, d). Each node's G = A⁻¹ B is a function of sums over its facets, so its derivative
     A⁻¹ (dB − dA G) is one, too.
     """
-    now, d, (inverse, angles) = moved[wall.simplices], moved.shape[1], wall.at_rest
+    now, d, inverse = moved[wall.simplices], moved.shape[1], wall.at_rest[0]
     own, own_slope = facet_frames(now), _frames_slope(now)
     normal, bent = own[:, :, -1], (1.0 - ALONG) * own_slope[:, :, -1]  # (s, d), (s, a, j, c)
     weighting_slope = np.einsum("sxjc,sy->sxyjc", bent, normal) + np.einsum("sx,syjc->sxyjc", normal, bent)
@@ -66,11 +66,11 @@ def _deformations_slope(wall: MovingWall, moved: Floats, weighting: Floats, defo
     slope_of_sums = np.einsum("sxyjc,sye->sxejc", weighting_slope, gradient)
     slope_of_sums += np.einsum("sxy,syejc->sxejc", weighting_of(own), gradient_slope)
 
-    # incidences of facets and nodes: row s d + i is the facet s and its corner i
-    nodes, of_facet = wall.simplices.ravel(), np.repeat(np.arange(len(now)), d)
+    around = wall.around.tocoo()
+    nodes, of_facet = around.coords
     slope = slope_of_sums[of_facet] - np.einsum("qxyjc,qye->qxejc", weighting_slope[of_facet], deformations[nodes])
-    slope = np.einsum("q,qax,qxejc->qaejc", angles.ravel(), np.linalg.inv(weighting)[nodes], slope)
-    return _sparse(slope.reshape(len(nodes), d * d, d, d), nodes, np.repeat(wall.simplices, d, axis=0), len(moved))
+    slope = np.einsum("q,qax,qxejc->qaejc", around.data, np.linalg.inv(weighting)[nodes], slope)
+    return _sparse(slope.reshape(len(nodes), d * d, d, d), nodes, wall.simplices[of_facet], len(moved))
 
 
 def _frames_slope(corners: Floats) -> Floats:
