@@ -296,6 +296,25 @@ constexpr double tiny = 1e-280;        // smaller products may have too few digi
     return grown & shrunk & (least * own > tiny) & (least * reference > tiny);
 }
 
+/// Whether corner_quality of a tetrahedron is surely above a limit: with τ = det T, v⁶ = 729 τ⁴ min(τ, 1/τ)³ / |T|¹² is
+/// above `bound` for both ratios.
+[[gnu::always_inline]] inline bool corner_surely_above(const Corner<3>& now, const Corner<3>& rest, double bound) {
+    double square = 0.0;
+    for (int i = 0; i < 3; ++i)
+        for (int j = 0; j < 3; ++j) {
+            double entry = 0.0;
+            for (int k = 0; k < 3; ++k) {
+                const int a = (j + 1) % 3, b = (j + 2) % 3, c = (k + 1) % 3, e = (k + 2) % 3;
+                entry += now.a[i][k] * (rest.a[a][c] * rest.a[b][e] - rest.a[a][e] * rest.a[b][c]);
+            }
+            square += entry * entry;
+        }
+    const double unit = 1.0 / rest.determinant(), tau = now.determinant() * unit;
+    const double root = square * unit * unit, sixth = root * root * root * (root * root * root) * bound;
+    const double power = tau * tau * tau;
+    return (729.0 * tau > sixth) & (729.0 * tau * power * power > sixth);
+}
+
 }  // namespace
 
 Cells::Cells(Matrix<const double> points, std::vector<Matrix<const Node>> blocks, Vector<const double> reference,
@@ -355,7 +374,7 @@ void Cells::judge_chosen(Vector<const Index> numbers, Judgement found) const {
 /// divisions, one for each of the two ratios of which the smaller is the size. A margin far above the rounding keeps
 /// the answer true for the computed values; products outside the range of doubles are never above. Relative to the
 /// skews at rest: above the limit times that skew, and the size above limit².
-Index Cells::mark_near(Index first, Index last, Metric metric, double limit, Index* near) const {
+Index Cells::mark_near(Index first, Index last, Metric metric, double limit, double corner_limit, Index* near) const {
     const bool relative = metric == Metric::relative_size_skew;
     Index found = 0;
     by_block(first, last, [&](const Block& block, Index from, Index to) {
@@ -390,6 +409,12 @@ Index Cells::mark_near(Index first, Index last, Metric metric, double limit, Ind
             mark(std::true_type{}, rest_.skews.data() + from);
         else
             mark(std::false_type{}, nullptr);
+        if (corner_limit > 0.0) {
+            Jacobians<3> before;
+            from_points<Tetra>(rest_.points, count, rows.cells<Tetra>(), rows.inside)(0, before);
+            const double third = corner_limit * corner_limit * corner_limit, least = third * third * margin;
+            for (Index s = 0; s < count; ++s) marks[s] |= !corner_surely_above({jacobians, s}, {before, s}, least);
+        }
         found = std::accumulate(marks, marks + count, found);
     });
     return found;

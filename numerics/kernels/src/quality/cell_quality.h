@@ -87,9 +87,10 @@ class Cells {
     void judge(Index first, Index last, Judgement found) const;
     /// Judges cells with ascending numbers.
     void judge_chosen(Vector<const Index> numbers, Judgement found) const;
-    /// near[s]: whether the metric of the cell first + s may be at most the limit; returns the number of such cells, of
-    /// at most `chunk` cells. All are marked if the check costs as much as judging.
-    Index mark_near(Index first, Index last, Metric metric, double limit, Index* near) const;
+    /// near[s]: whether the metric of the cell first + s may be at most the limit, or corner_quality at most
+    /// corner_limit; returns the number of such cells, of at most `chunk` cells. All are marked if the check costs as
+    /// much as judging.
+    Index mark_near(Index first, Index last, Metric metric, double limit, double corner_limit, Index* near) const;
 
   private:
     struct Block {

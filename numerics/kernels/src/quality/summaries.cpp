@@ -90,7 +90,7 @@ Owned<Index, 1> together(const std::vector<Distorted>& tasks) {
     return owned(std::move(all));
 }
 
-/// Calls f(k, values) for the metrics of the cells first … first + n − 1, at most a chunk; returns the number of
+/// Calls f(k, values) for the reported metrics of the cells first … first + n − 1, at most a chunk; returns the number of
 /// inverted cells.
 template <class F>
 Index for_metrics(const Cells& cells, const std::vector<Metric>& metrics, Index first, Index n, Distorted& distorted,
@@ -102,9 +102,8 @@ Index for_metrics(const Cells& cells, const std::vector<Metric>& metrics, Index 
                 {size, skew, inverted, is_relative ? relative : nullptr, compares ? corner : nullptr});
     if (compares) distorted.add(corner, first, n);
     for (Index k = 0; k < static_cast<Index>(metrics.size()); ++k) {
-        const bool given = metrics[k] == Metric::size || metrics[k] == Metric::skew;
-        if (!given) metric_of(metrics[k], n, size, skew, relative, other);
-        f(k, !given ? other : metrics[k] == Metric::size ? size : skew);
+        if (k > 1) metric_of(metrics[k], n, size, skew, relative, other);
+        f(k, k == 0 ? size : k == 1 ? skew : other);
     }
     return std::count(inverted, inverted + n, true);
 }
@@ -164,26 +163,25 @@ std::tuple<Owned<double, 1>, Owned<Index, 1>, Index, Owned<Index, 1>> lowest_cel
     for_ranges(m, judged_at_once, [&](Index begin, Index end) {
         const Index task = begin / judged_at_once;
         std::vector<Index> near;
-        for (Index first = begin; first < end && corner_limit > 0.0; first += chunk) {
-            const Index n = std::min(chunk, end - first);
-            inversions[task] += for_metrics(cells, {ranked}, first, n, distorted[task], [&](Index, const double* own) {
-                lowest[task].add(own, first, n, limit);
-            });
-        }
-        for (Index first = begin; first < end && !(corner_limit > 0.0); first += chunk) {
+        for (Index first = begin; first < end; first += chunk) {
             Index marks[chunk];
             const Index last = std::min(end, first + chunk);
-            if (cells.mark_near(first, last, ranked, limit, marks))
+            if (cells.mark_near(first, last, ranked, limit, corner_limit, marks))
                 for (Index e = first; e < last; ++e)
                     if (marks[e - first]) near.push_back(e);
         }
         Judged found(static_cast<Index>(near.size()), ranked);
-        cells.judge_chosen(view_of(near), found.from(0));
+        std::vector<double> corner(corner_limit > 0.0 ? near.size() : 0);
+        Judgement places = found.from(0);
+        places.corner = corner.empty() ? nullptr : corner.data();
+        cells.judge_chosen(view_of(near), places);
         found.fill(ranked);
         for (std::size_t k = 0; k < near.size(); ++k)
             if (found.values[k] <= limit) lowest[task].add(found.values[k], near[k]);
+        for (std::size_t k = 0; k < corner.size(); ++k)
+            if (corner[k] < corner_limit) distorted[task].numbers.push_back(near[k]);
         lowest[task].trim();
-        inversions[task] += std::count(found.inverted.get(), found.inverted.get() + near.size(), true);
+        inversions[task] = std::count(found.inverted.get(), found.inverted.get() + near.size(), true);
     });
     Lowest all(count);
     for (const Lowest& part : lowest) all.add(part);

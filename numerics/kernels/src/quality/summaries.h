@@ -13,9 +13,8 @@ using Blocks = std::vector<Matrix<const Node>>;
 /// The `count` lowest values of a metric, ascending, their cells (of equal values the lower numbers), the number of
 /// inverted cells, and the cells whose worst corner is below corner_limit (none if this is 0): see corner_quality.
 ///
-/// A sample gives an upper limit of the lowest values. For tetrahedra without a corner_limit a comparison of sixth
-/// powers finds cells that are certainly above the limit, and only the others are judged: this takes about half the
-/// time of judging all.
+/// A sample gives an upper limit of the lowest values. For tetrahedra a comparison of sixth powers finds cells that are
+/// certainly above the limits, and only the others are judged: this takes about half the time of judging all.
 std::tuple<Owned<double, 1>, Owned<Index, 1>, Index, Owned<Index, 1>> lowest_cells(
     Matrix<const double> points, const Blocks& blocks, Vector<const double> reference, AtRest rest, Index metric,
     Index count, double corner_limit);
