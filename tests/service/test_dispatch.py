@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from mesh_motion_protocol.messages import Move, Upload
+from mesh_motion_protocol.messages import Move, Status, Upload
 from raising import raising
 
 
@@ -16,6 +16,17 @@ def test_iterations_start_from_the_committed_state_and_share_a_factorization(rea
     assert [moved.caches["factorization"] for moved in (first, third)] == ["made", "reused"]
     assert first.displacement.tobytes() == third.displacement.tobytes()
     assert (first.quality, first.correction, first.warnings) == (third.quality, third.correction, third.warnings)
+
+
+def test_status(ready: Any) -> None:
+    ready.advance(1)
+    ready.move(2)
+    report = ready.ask(Status)
+    assert (report.state, report.step, report.iteration, report.waiting_for) == ("TRIAL", 1, 1, [])
+    assert report.report["replies"]["MOVED"] == 2
+    assert report.report["caches"]["factorization"]["made"] == 2
+    assert report.report["quality"]["cells"] == 32
+    assert report.report["peak_memory_bytes"] > 1e6
 
 
 def test_something_unforeseen_is_internal_and_changes_nothing(
