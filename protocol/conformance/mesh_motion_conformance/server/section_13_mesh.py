@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from mesh_motion_conformance.case import Suite, Unmet
+from mesh_motion_conformance.case import Suite, Unmet, require
 from mesh_motion_conformance.checks import answered, refused
 from mesh_motion_conformance.server.mesh import SQUARE, Part, Side
 from mesh_motion_conformance.server.requests import Request
@@ -106,8 +106,7 @@ def _bad(stage: Stage, part: Part, code: str) -> None:
         reply = refused(session.ask("BUILD"), code, state="OPENING")
     finally:
         session.discard()
-    if not reply.fields["details"]:
-        raise Unmet("details that name the first offender", show(reply))
+    require(reply.fields["details"], "details that name the first offender", show(reply))
 
 
 @suite("13.3")

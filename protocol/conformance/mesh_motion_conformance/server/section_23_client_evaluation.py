@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mesh_motion_conformance.case import Suite, Unmet
+from mesh_motion_conformance.case import Suite, Unmet, require
 from mesh_motion_conformance.checks import answered, refused
 from mesh_motion_conformance.server.mesh import OUTER, SQUARE, WITHOUT_VOLUME, Part, Side, boundary
 from mesh_motion_conformance.server.requests import Request
@@ -34,8 +34,7 @@ def settings(stage: Stage, key: str, value: str) -> None:
     """{0} has to leave the volume alone."""
     fields = {"dimension": 2, "settings": WITHOUT_VOLUME | {key: value}, "evaluation": "client"}
     reply = refused(stage.ask(Request("OPEN", fields)), "INVALID_ARGUMENT.SETTINGS", state="")
-    if key not in str(reply.fields["details"]) + reply.fields["message"]:
-        raise Unmet(f"an ERROR that names {key}", show(reply))
+    require(key in str(reply.fields["details"]) + reply.fields["message"], f"an ERROR that names {key}", show(reply))
 
 
 @suite("23.2")
@@ -137,8 +136,7 @@ def _build_with_cells(session: Session, reach: float, rows: NDArray[np.int64]) -
     """Upload these cells (m, 3) and check that BUILT asks for no more."""
     answered(_near_cells(session, "triangle", rows), "UPLOADED")
     built = answered(session.ask(Request("BUILD", session.address() | {"reach": reach})), "BUILT")
-    if built.fields.get("reach", 0.0):
-        raise Unmet("a mesh that is built: its cells are not thin", show(built))
+    require(not built.fields.get("reach", 0.0), "a mesh that is built: its cells are not thin", show(built))
 
 
 @suite(
@@ -163,8 +161,7 @@ def near_cells_of_no_node(stage: Stage) -> None:
     session, reach, _ = _asked_for_cells(stage)
     answered(_near_cells(session, "triangle", np.concatenate([_NEAR[:-1], [[0, 1, 16]]])), "UPLOADED")
     reply = refused(session.ask(Request("BUILD", session.address() | {"reach": reach})), "INVALID_ARGUMENT.MESH")
-    if "16" not in reply.fields["message"]:
-        raise Unmet("an ERROR that names the node 16", show(reply))
+    require("16" in reply.fields["message"], "an ERROR that names the node 16", show(reply))
     session.discard()
 
 
@@ -176,8 +173,7 @@ def near_cells_are_missing(stage: Stage) -> None:
     answered(_near_cells(session, "triangle", _NEAR[~last]), "UPLOADED")
     build = Request("BUILD", session.address() | {"reach": reach})
     reply = refused(session.ask(build), "INVALID_ARGUMENT.MESH", state="OPENING")
-    if reply.fields["details"].get("global_id") != 8:
-        raise Unmet("an ERROR that names the node 8", show(reply))
+    require(reply.fields["details"].get("global_id") == 8, "an ERROR that names the node 8", show(reply))
     _build_with_cells(session, reach, _NEAR[last])
     session.discard()
 
@@ -262,8 +258,7 @@ def field_meets_the_boundary(stage: Stage) -> None:
     moved = stage.judging("READY").do("MOVE")
     field = functions(moved, OUTER) @ moved.arrays["coefficients"]
     error = float(np.abs(field - moved.arrays["displacement"]).max())
-    if not error < 1e-9:
-        raise Unmet("the displacement of the boundary", f"another one by {error:.2g}")
+    require(error < 1e-9, "the displacement of the boundary", f"another one by {error:.2g}")
 
 
 @suite("23.4")
@@ -347,8 +342,7 @@ def bad_cells_are_corrected(stage: Stage) -> None:
     refused(session.ask("COMMIT"), "FAILED_PRECONDITION.STATE", state="TRIAL")
     quality = answered(session.ask("JUDGE"), "JUDGED").fields["quality"]
     lowest = [quality[which]["metric"]["min"] for which in ("standard", "corrected")]
-    if lowest != [0.25, 0.5]:
-        raise Unmet("the quality before and after the correction", str(lowest))
+    require(lowest == [0.25, 0.5], "the quality before and after the correction", str(lowest))
     answered(session.ask("COMMIT"), "COMMITTED")
     if not answered(session.ask("FETCH"), "FETCHED").fields["region"]:
         raise Unmet("a region in FETCHED of corrected coordinates", "none")
@@ -410,8 +404,7 @@ def field_survives(stage: Stage) -> None:
     session.join()
     after = session.do("FETCH")
     for name, array in before.arrays.items():
-        if after.arrays[name].tobytes() != array.tobytes():
-            raise Unmet(f"the same {name} after RESUME", "others")
+        require(after.arrays[name].tobytes() == array.tobytes(), f"the same {name} after RESUME", "others")
 
 
 @suite("8")

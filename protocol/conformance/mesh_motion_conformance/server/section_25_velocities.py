@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mesh_motion_conformance.case import Suite, Unmet
+from mesh_motion_conformance.case import Suite, Unmet, require
 from mesh_motion_conformance.checks import answered, refused
 from mesh_motion_conformance.server.mesh import SQUARE
 from mesh_motion_conformance.server.requests import Request
@@ -70,8 +70,7 @@ def times_grow(stage: Stage) -> None:
     refused(session.ask(commit), "INVALID_ARGUMENT.VALUE", state="TRIAL")
     session.do("COMMIT")
     (joined,) = session.join()
-    if joined.fields.get("time") != _TIMES[1]:
-        raise Unmet(f"time {_TIMES[1]}", show(joined))
+    require(joined.fields.get("time") == _TIMES[1], f"time {_TIMES[1]}", show(joined))
     session.discard()
 
 
@@ -84,8 +83,7 @@ def bdf1(stage: Stage) -> None:
         moved = _moved(session, step, velocity="bdf1")
         now = moved.arrays["displacement"]
         _close(moved.arrays["velocity"], (now - last) / (_TIMES[step] - _TIMES[step - 1]))
-        if "velocity" in _moved(session, step).arrays:
-            raise Unmet("no velocity", "velocity")
+        require("velocity" not in _moved(session, step).arrays, "no velocity", "velocity")
         session.do("COMMIT")
         last = now
     session.discard()
@@ -149,8 +147,7 @@ def levels_take_a_time(stage: Stage) -> None:
     fields = {name: value for name, value in _move(session, 1).fields.items() if name != "time"}
     session.do(Request("MOVE", fields, {"displacement": session.rows()}))
     reply = refused(session.ask("COMMIT"), "INVALID_ARGUMENT.VALUE", state="TRIAL")
-    if reply.fields["details"].get("field") != "time":
-        raise Unmet("details.field time", show(reply))
+    require(reply.fields["details"].get("field") == "time", "details.field time", show(reply))
     session.do(Request("COMMIT", session.address() | {"step": 1, "time": _TIMES[1]}))
     session.discard()
 
@@ -169,13 +166,11 @@ def missing(stage: Stage) -> None:
     )
     for fields, code, field in wrong:
         reply = refused(session.ask(Request("MOVE", fields, move.arrays)), code, state="READY")
-        if reply.fields["details"].get("field") != field:
-            raise Unmet(f"details.field {field}", show(reply))
+        require(reply.fields["details"].get("field") == field, f"details.field {field}", show(reply))
     session.do(Request("MOVE", timeless, move.arrays))
     session.do("COMMIT")
     reply = refused(session.ask(_move(session, 2, velocity="bdf1")), "FAILED_PRECONDITION")
-    if reply.fields["details"].get("field") != "time":
-        raise Unmet("details.field time", show(reply))
+    require(reply.fields["details"].get("field") == "time", "details.field time", show(reply))
     session.discard()
 
 
@@ -189,8 +184,7 @@ def conservation(stage: Stage) -> None:
         moved = _moved(session, step, report="swept")
         after = rest + moved.arrays["displacement"]
         swept = moved.arrays["swept"]
-        if swept.shape != (3 * len(triangles),):
-            raise Unmet(f"{3 * len(triangles)} volumes", show(moved))
+        require(swept.shape == (3 * len(triangles),), f"{3 * len(triangles)} volumes", show(moved))
         change = _areas(after[triangles]) - _areas(before[triangles])
         if np.abs(swept.reshape(-1, 3).sum(axis=1) - change).max() > 1e-14 or np.abs(swept).max() < 1e-6:
             raise Unmet(f"sums of {change[:3]} …", f"{swept[:9]} …")
@@ -210,8 +204,7 @@ def given_faces(stage: Stage) -> None:
     _close(given, every[::-1])
     edges[4, 1] = len(SQUARE.points)
     reply = refused(session.ask(_move(session, 1, report="swept", arrays={"swept_faces": edges})), "INVALID_ARGUMENT")
-    if reply.fields["details"].get("row") != 4:
-        raise Unmet("details.row 4", show(reply))
+    require(reply.fields["details"].get("row") == 4, "details.row 4", show(reply))
     session.discard()
 
 
