@@ -17,7 +17,6 @@ class Results:
 
     Attributes
     ----------
-    limits : MachineLimits
     machine : str
         In words.
     threads : int
@@ -26,7 +25,6 @@ class Results:
         Figures by the name of a case.
     wire : dict
         Figures by the name of a case.
-    start : StartFigures or None
     """
 
     limits: MachineLimits

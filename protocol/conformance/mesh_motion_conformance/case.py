@@ -20,7 +20,6 @@ class Unmet(Exception):
 
     Parameters
     ----------
-    expected, got : str
     sent : str
         The request that showed it, readable.
     """
