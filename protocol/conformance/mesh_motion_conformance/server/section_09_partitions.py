@@ -279,21 +279,15 @@ def waiting_request_with_another_content(stage: Stage) -> None:
 def division_does_not_show(stage: Stage) -> None:
     """The result does not depend on how the mesh is divided: the digest is that of the undivided mesh."""
     pair, whole = _built(stage.open(*HALVES)), stage.open(SQUARE)
-    try:
-        whole.reach("READY")
-        for _ in range(2):
-            _all(pair.together("MOVE"), "MOVED")
-            digests = {reply.fields["digest"] for reply in _all(pair.together("COMMIT"), "COMMITTED")}
-            pair.step += 1
-            whole.do("MOVE")
-            digests.add(whole.do("COMMIT").fields["digest"])
-            if len(digests) != 1:
-                raise Unmet(
-                    "one digest of both partitions and of the undivided mesh", str([d.hex()[:12] for d in digests])
-                )
-    finally:
-        pair.discard()
-        whole.discard()
+    whole.reach("READY")
+    for _ in range(2):
+        _all(pair.together("MOVE"), "MOVED")
+        digests = {reply.fields["digest"] for reply in _all(pair.together("COMMIT"), "COMMITTED")}
+        pair.step += 1
+        whole.do("MOVE")
+        digests.add(whole.do("COMMIT").fields["digest"])
+        if len(digests) != 1:
+            raise Unmet("one digest of both partitions and of the undivided mesh", str([d.hex()[:12] for d in digests]))
 
 
 @suite("11.5")
@@ -317,12 +311,9 @@ def meshes_that_do_not_fit() -> Iterator[Case]:
     def run(second: Part, *codes: str) -> Callable[[Stage], None]:
         def unfit(stage: Stage) -> None:
             session = stage.open(HALVES[0], second)
-            try:
-                session.upload()
-                for reply in session.together("BUILD"):
-                    refused(reply, *codes, state="OPENING")
-            finally:
-                session.discard()
+            session.upload()
+            for reply in session.together("BUILD"):
+                refused(reply, *codes, state="OPENING")
 
         return unfit
 

@@ -44,7 +44,6 @@ def cells_with_nodes(stage: Stage) -> None:
     rows = SQUARE.triangles
     upload = Request("UPLOAD", session.address() | {"item": "cells", "name": "triangle"}, {"rows": rows})
     refused(session.ask(upload), "INVALID_ARGUMENT.SHAPE", state="NEW")
-    session.discard()
 
 
 _EDGES = np.zeros((2, 2), "<i8")
@@ -63,7 +62,6 @@ def facets(stage: Stage, code: str, name: str, wrong: NDArray[Any]) -> None:
     session = stage.open(boundary(), settings=WITHOUT_VOLUME, evaluation="client")
     upload = Request("UPLOAD", session.address() | {"item": "facets", "name": name}, {"rows": wrong})
     refused(session.ask(upload), code, state="NEW")
-    session.discard()
 
 
 def _outer_facets() -> NDArray[np.int64]:
@@ -99,7 +97,6 @@ def facets_twice(stage: Stage) -> None:
     rows = _outer_facets()
     session = _with_facets(stage, np.concatenate([rows, rows[:1]]))
     refused(session.ask("BUILD"), "INVALID_ARGUMENT.PARTITION", state="OPENING")
-    session.discard()
 
 
 @suite("23.2")
@@ -109,7 +106,6 @@ def cells_near_walls(stage: Stage) -> None:
     if not 0.0 < reach < 0.3 or wall.shape != (3, 4) or np.abs(wall[:, ::2]).max() > 0.0:
         raise Unmet("a reach within the first cells, and three edges at x = 0", f"{reach} {wall}")
     _build_with_cells(session, reach, _NEAR)
-    session.discard()
 
 
 #: Behind the nodes of the boundary those inside; all triangles in rows of both.
@@ -152,7 +148,6 @@ def wrong_near_cells(stage: Stage, code: str, name: str, wrong: NDArray[Any]) ->
     session, reach, _ = _asked_for_cells(stage)
     refused(_near_cells(session, name, wrong), code, state="OPENING")
     _build_with_cells(session, reach, _NEAR)
-    session.discard()
 
 
 @suite("23.2")
@@ -162,7 +157,6 @@ def near_cells_of_no_node(stage: Stage) -> None:
     answered(_near_cells(session, "triangle", np.concatenate([_NEAR[:-1], [[0, 1, 16]]])), "UPLOADED")
     reply = refused(session.ask(Request("BUILD", session.address() | {"reach": reach})), "INVALID_ARGUMENT.MESH")
     require("16" in reply.fields["message"], "an ERROR that names the node 16", show(reply))
-    session.discard()
 
 
 @suite("23.2")
@@ -175,7 +169,6 @@ def near_cells_are_missing(stage: Stage) -> None:
     reply = refused(session.ask(build), "INVALID_ARGUMENT.MESH", state="OPENING")
     require(reply.fields["details"].get("global_id") == 8, "an ERROR that names the node 8", show(reply))
     _build_with_cells(session, reach, _NEAR[last])
-    session.discard()
 
 
 @suite(
@@ -195,7 +188,6 @@ def wrong_reaches(stage: Stage, wrong: float) -> None:
     code = "VALUE" if np.isfinite(wrong) else "NONFINITE"
     refused(session.ask(build), f"INVALID_ARGUMENT.{code}", state="OPENING")
     _build_with_cells(session, reach, _NEAR)
-    session.discard()
 
 
 @suite("23.2")
@@ -205,7 +197,6 @@ def build_without_reach(stage: Stage) -> None:
     built = session.do("BUILD")
     if not any("partition 0" in warning for warning in built.fields["mesh"]["warnings"]):
         raise Unmet("a warning that names partition 0", show(built))
-    session.discard()
 
 
 @suite("23.3")
@@ -232,7 +223,6 @@ def boundaries(stage: Stage, part: Part) -> None:
     session = stage.open(part, settings=WITHOUT_VOLUME, evaluation="client")
     session.upload()
     refused(session.ask("BUILD"), "INVALID_ARGUMENT.MESH", state="OPENING")
-    session.discard()
 
 
 @suite("23.4", {"increments": ("frame", "committed"), "faces": ("report", "faces")})

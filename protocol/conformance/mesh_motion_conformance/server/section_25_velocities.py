@@ -71,7 +71,6 @@ def times_grow(stage: Stage) -> None:
     session.do("COMMIT")
     (joined,) = session.join()
     require(joined.fields.get("time") == _TIMES[1], f"time {_TIMES[1]}", show(joined))
-    session.discard()
 
 
 @suite("25.2")
@@ -86,7 +85,6 @@ def bdf1(stage: Stage) -> None:
         require("velocity" not in _moved(session, step).arrays, "no velocity", "velocity")
         session.do("COMMIT")
         last = now
-    session.discard()
 
 
 @suite("25.2")
@@ -97,7 +95,6 @@ def tangent(stage: Stage) -> None:
     moved = _moved(session, 1, velocity="tangent", arrays={"boundary_velocity": v})
     request = Request("TANGENT", session.address() | {"what": "trial"}, {"velocity": v})
     _close(moved.arrays["velocity"], answered(session.ask(request), "TANGENT_FOUND").arrays["velocity"])
-    session.discard()
 
 
 @suite("25.3")
@@ -117,7 +114,6 @@ def bdf2_survives(stage: Stage) -> None:
         session.do("COMMIT")
         session.resume()
         session.join()
-    session.discard()
 
 
 @suite("25.3")
@@ -137,7 +133,6 @@ def bossak_survives(stage: Stage) -> None:
         session.do("COMMIT")
         session.resume()
         session.join()
-    session.discard()
 
 
 @suite("25.3")
@@ -149,7 +144,6 @@ def levels_take_a_time(stage: Stage) -> None:
     reply = refused(session.ask("COMMIT"), "INVALID_ARGUMENT.VALUE", state="TRIAL")
     require(reply.fields["details"].get("field") == "time", "details.field time", show(reply))
     session.do(Request("COMMIT", session.address() | {"step": 1, "time": _TIMES[1]}))
-    session.discard()
 
 
 @suite("25.4")
@@ -171,7 +165,6 @@ def missing(stage: Stage) -> None:
     session.do("COMMIT")
     reply = refused(session.ask(_move(session, 2, velocity="bdf1")), "FAILED_PRECONDITION")
     require(reply.fields["details"].get("field") == "time", "details.field time", show(reply))
-    session.discard()
 
 
 @suite("25.5")
@@ -190,7 +183,6 @@ def conservation(stage: Stage) -> None:
             raise Unmet(f"sums of {change[:3]} …", f"{swept[:9]} …")
         session.do("COMMIT")
         before = after
-    session.discard()
 
 
 @suite("25.7")
@@ -205,7 +197,6 @@ def given_faces(stage: Stage) -> None:
     edges[4, 1] = len(SQUARE.points)
     reply = refused(session.ask(_move(session, 1, report="swept", arrays={"swept_faces": edges})), "INVALID_ARGUMENT")
     require(reply.fields["details"].get("row") == 4, "details.row 4", show(reply))
-    session.discard()
 
 
 def _areas(x: NDArray[np.float64]) -> NDArray[np.float64]:
