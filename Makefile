@@ -73,7 +73,9 @@ test: $(VENV)/.development
 	$(BIN)/pytest -m "not nightly" $(PYTEST)
 
 test-all: $(VENV)/.development
-	$(BIN)/python -m pytest -p tools.once_more --hypothesis-profile many $(PYTEST)
+	$(BIN)/python -m pytest --hypothesis-profile many $(PYTEST) || { [ $$? = 1 ] \
+	  && $(BIN)/python -m pytest --hypothesis-profile many -n1 --last-failed --last-failed-no-failures none -rA --show-capture no \
+	  && echo "FLAKY: these tests failed next to others, and passed alone"; }
 
 test-fast: $(VENV)/.development
 	$(BIN)/pytest -m "not slow"

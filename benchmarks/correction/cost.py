@@ -42,7 +42,6 @@ class Cost:
         Of the mesh; that may move; that were free at the end.
     standard, minimum : float
         Minimum size-skew before and after.
-    iterations : int
     seconds, cpu_seconds : float
         The shortest of the repeats.
     limit_cpu_seconds : float

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path
 
 from benchmarks.correction.cases import CASES
 from benchmarks.correction.cost import Cost
-from benchmarks.page import README, fill_block
 
-__all__ = ["README", "fill", "table"]
+__all__ = ["table"]
 
 _HEAD = (
     "| mesh, motion | nodes | asked | standard | reached | freed | iterations "
@@ -37,8 +35,3 @@ def _row(name: str, cost: Cost) -> str:
 def _seconds(value: float) -> str:
     """Two significant digits without an exponent."""
     return f"{value:.0f}" if value >= 10 else f"{value:.2g}"
-
-
-def fill(text: str, page: Path = README) -> None:
-    """Put the text into its block of the page, see :func:`~benchmarks.page.fill_block`."""
-    fill_block("correction", text, page)

@@ -132,7 +132,6 @@ def measured(mesh: MeshFile, ranks: int, volume: str, threshold: float = 0.0) ->
     ----------
     mesh : MeshFile
         With patches ``body`` and ``box``.
-    ranks : int
     volume : {"server", "client", "dask"}
         Owner of the volume mesh: the server (with one rank), ranks that are processes, or Dask workers.
     threshold : float

@@ -71,10 +71,8 @@ class Outcome:
 
     Attributes
     ----------
-    case, system : str
     measurement : Measurement or None
         The run with the shortest steps.
-    verdict : Verdict or None
     note : str
         Why measurement and verdict are missing: not installed, or the system's error.
     load : float

@@ -35,10 +35,8 @@ class RigidMotion:
 
     Attributes
     ----------
-    text : str
     translation, centre : tuples of d floats
         In the mesh's unit; in 3D the axis is z.
-    degrees : float
     """
 
     text: str
@@ -65,7 +63,6 @@ class Bending:
 
     Attributes
     ----------
-    text : str
     amplitude : float
         Displacement a of the tip.
     root, tip : float

@@ -57,7 +57,6 @@ class PythonSystem:
 
     Attributes
     ----------
-    label : str
     place : str
         ``module:Class`` in :mod:`benchmarks.peers.movers`.
     options : dict
@@ -113,13 +112,7 @@ class PythonSystem:
 
 @dataclass(frozen=True)
 class OpenFoamSystem:
-    """OpenFOAM's displacementLaplacian with a diffusivity that falls with the squared distance; one process.
-
-    Attributes
-    ----------
-    label : str
-    settings : Settings
-    """
+    """OpenFOAM's displacementLaplacian with a diffusivity that falls with the squared distance; one process."""
 
     label: str
     settings: Settings

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from benchmarks.page import README, fill_block
 from benchmarks.scale.cases import CASES
 from benchmarks.scale.figures import Figures, MachineLimits, Rates, Seconds, WireFigures
 from benchmarks.scale.results import Results, growth
 from benchmarks.scale.work import shares
 
-__all__ = ["README", "fill", "tables"]
+__all__ = ["tables"]
 
 _COST = (
     "| mesh, motion | nodes | boundary nodes | set-up | first step | step | iteration | brief | solve | displace "
@@ -44,11 +43,6 @@ def tables(results: Results) -> str:
     steady = [name for name in library if CASES[name].kind == "steady"]
     parts.append("Shares of the machine's limits:\n\n" + _SHARES + "".join(_limits(results, name) for name in steady))
     return "\n".join([*parts, _machine(results) + "\n"])
-
-
-def fill(text: str) -> None:
-    """Put the tables into the README."""
-    fill_block("scale", text)
 
 
 def _cost(results: Results, name: str) -> str:

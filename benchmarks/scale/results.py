@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import json
 import math
-from dataclasses import asdict, dataclass, field
-from pathlib import Path
-from typing import Any, Self
+from dataclasses import dataclass, field
 
 from benchmarks.scale.cases import CASES, MESHES, Case
 from benchmarks.scale.figures import Figures, MachineLimits, StartFigures, WireFigures, of_threads
@@ -20,7 +17,6 @@ class Results:
 
     Attributes
     ----------
-    limits : MachineLimits
     machine : str
         In words.
     threads : int
@@ -29,7 +25,6 @@ class Results:
         Figures by the name of a case.
     wire : dict
         Figures by the name of a case.
-    start : StartFigures or None
     """
 
     limits: MachineLimits
@@ -38,23 +33,6 @@ class Results:
     library: dict[str, Figures] = field(default_factory=dict)
     wire: dict[str, WireFigures] = field(default_factory=dict)
     start: StartFigures | None = None
-
-    def save(self, path: Path) -> None:
-        """Write JSON."""
-        path.write_text(json.dumps(asdict(self), indent=1), encoding="utf-8")
-
-    @classmethod
-    def load(cls, path: Path) -> Self:
-        """Read what :meth:`save` wrote."""
-        found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-        return cls(
-            MachineLimits.read(found["limits"]),
-            found["machine"],
-            found["threads"],
-            {name: Figures.read(values) for name, values in found["library"].items()},
-            {name: WireFigures.read(values) for name, values in found["wire"].items()},
-            StartFigures.read(found["start"]) if found.get("start") else None,
-        )
 
 
 def smaller(case: Case) -> str | None:

@@ -36,7 +36,6 @@ class Row:
 
     Attributes
     ----------
-    what, asked, measured : str
     met : bool or None
         None if this run has not measured it.
     as_written : bool

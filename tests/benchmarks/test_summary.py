@@ -1,15 +1,13 @@
-"""The run of all benchmarks: the aims on artificial figures, the page, and one short run end to end."""
+"""The run of all benchmarks: one case, the aims on artificial figures, and a short run of every kind end to end."""
 
 import subprocess
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from scale_figures import FIGURES
 
 from benchmarks.correction.cases import CASES as CORRECTIONS
 from benchmarks.correction.cost import Cost
-from benchmarks.derivatives import DerivativeCost
 from benchmarks.fresh import measured_in_fresh_process
 from benchmarks.peers.comparison import CASES as PEERS
 from benchmarks.peers.comparison import Outcome
@@ -17,14 +15,41 @@ from benchmarks.peers.judge import Verdict
 from benchmarks.peers.measurement import Measurement
 from benchmarks.peers.meshes import MESHES
 from benchmarks.peers.systems import SYSTEMS
+from benchmarks.scale import library
 from benchmarks.scale.cases import CASES as SCALE
-from benchmarks.scale.figures import Figures, MachineLimits, Rates, Seconds, StartFigures, WireFigures
+from benchmarks.scale.cases import Case
+from benchmarks.scale.figures import Figures, MachineLimits, Rates, Seconds, WireFigures
 from benchmarks.scale.results import Results
 from benchmarks.scale.truth import Truth
+from benchmarks.scale.work import shares, work
 from benchmarks.summary import command
 from benchmarks.summary.aims import Row, anchor, rows
 from benchmarks.summary.evidence import Evidence
 from benchmarks.summary.plan import PLANS, Job
+
+FIGURES = Figures(
+    nodes=50_000,
+    cells=300_000,
+    boundary=6000,
+    setup=Seconds(0.25, 0.26),
+    first=Seconds(0.09, 0.1),
+    step=Seconds(0.08, 0.085),
+    iteration=Seconds(0.04, 0.041),
+    brief=Seconds(0.03, 0.031),
+    solve=Seconds(0.05, 0.05),
+    displace=Seconds(0.0125, 0.012),
+    predict=Seconds(0.011, 0.01),
+    judge_brief=Seconds(0.005, 0.004),
+    kept_bytes=5_000_000,
+    peak_bytes=10_000_000,
+    resident_bytes=270_000_000,
+    minimum=0.43,
+    near_wall=0.44,
+    inverted=0,
+    boundary_error=5e-14,
+    corrected=False,
+)
+RATES = Rates(triad=2.0e10, read=3.0e10, arithmetic=5.0e10, pairs=1.0e9)
 
 
 def figures(nodes: int, step: float) -> Figures:
@@ -67,6 +92,28 @@ def row(evidence: Evidence, start: str) -> Row:
     return next(found for found in rows(evidence) if found.what.startswith(start))
 
 
+@pytest.mark.parametrize("kind", ["steady", "large"])
+def test_a_case_is_measured(tmp_path: Path, kind: str) -> None:
+    figures = library.measured(Case("M1", kind), tmp_path, repeat=2)
+    assert 0 < figures.boundary < figures.nodes < figures.cells
+    assert figures.boundary_error < 1e-9
+    assert not figures.corrected
+    assert figures.near_wall >= figures.minimum
+    assert (figures.minimum > 0.2) == (kind == "steady")
+    assert figures.step.cpu <= figures.first.cpu
+    assert figures.resident_bytes > 1e7
+
+
+def test_the_work_of_a_step() -> None:
+    found = work(FIGURES, 3)
+    assert found["displace"].bytes == 48 * 50_000
+    assert found["displace"].flops == (3 * (8 + 32 + 128) + 36) * 50_000
+    assert found["predict"].bytes == 24 * 50_000 + 24 * 300_000
+    assert found["step"].bytes == found["displace"].bytes + 24 * 300_000
+    assert found["step"].seconds(RATES) == found["step"].flops / 5.0e10
+    assert [share.phase for share in shares(FIGURES, 3, RATES, 1)] == ["displace", "predict", "step"]
+
+
 def test_seconds_are_measured_by_the_dense_sum(evidence: Evidence) -> None:
     assert anchor(evidence).factor == pytest.approx(0.5)  # 50 M pairs/s there, 100 here
     evidence.outcomes.append(outcome("M3-T3-1", "dense-rbf", 8.8))
@@ -102,28 +149,6 @@ def test_an_aim_is_met_or_not_or_not_measured(evidence: Evidence) -> None:
     assert row(evidence, "M2: correction to the maximum").met is None
     assert row(evidence, "M3: quality next to the body").measured == "97.6 % (0.400 of 0.410)"
     assert row(evidence, "M4: times faster than IDWarp").measured == "109, over the wire"
-
-
-@pytest.mark.nightly  # processes of their own
-def test_starting_is_measured_as_a_user_meets_it(evidence: Evidence, tmp_path: Path) -> None:
-    found = StartFigures.read(measured_in_fresh_process("start", 2, "M1", str(tmp_path), "1"))
-    assert 0.0 < found.help.wall < found.opened.wall
-    assert 0.0 < found.ready.cpu < found.played.cpu
-    assert 2e7 < found.worker_bytes < 4e8
-    evidence.results.start = found
-    assert row(evidence, "a small session").measured == f"{found.worker_bytes / 1e6:.3g} MB"
-
-
-def test_derivatives_are_compared_with_the_step_that_led_there(evidence: Evidence, tmp_path: Path) -> None:
-    assert row(evidence, "M3: Jᵀ w / step with").met is None
-    found = DerivativeCost.read(measured_in_fresh_process("derivatives", 2, "M1", str(tmp_path), "1"))
-    assert found.freed > 0
-    step = Seconds(2.0, 2.0)
-    evidence.derivatives["M3"] = replace(found, step=step, prepared=Seconds(0.5, 0.5), cotangent=Seconds(1.0, 1.0))
-    shown = row(evidence, "M3: Jᵀ w / step with a correction")
-    assert (shown.met, shown.measured) == (True, "0.75 (0.5 for each further vector)")
-    evidence.derivatives["M3"] = replace(found, plain_step=step, plain_prepared=step, plain_cotangent=step)
-    assert row(evidence, "M3: Jᵀ w / step without correction").met is False
 
 
 def test_the_fastest_other_system_counts(evidence: Evidence) -> None:
@@ -179,13 +204,15 @@ def test_a_measurement_that_hangs_is_ended_with_its_children() -> None:
 
 @pytest.mark.nightly  # processes of their own
 def test_a_short_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    jobs = [Job("library", "M1-steady", 5), Job("truth", "M1-large", 5), Job("peer", "M1-T1-1", 5, "dense-rbf")]
-    monkeypatch.setitem(PLANS, "quick", jobs)
+    """A small job of every kind, through the command."""
+    cases = {"library": "M1-steady", "wire": "M1-steady", "truth": "M1-large", "correction": "M2-0.20"}
+    jobs = [Job(kind, cases.get(kind, "M1"), 30) for kind in command._JOBS if kind != "peer"]
+    monkeypatch.setitem(PLANS, "quick", [*jobs, Job("peer", "M1-T1-1", 5, "dense-rbf")])
     words = ["--plan", "quick", "--out", str(tmp_path), "--meshes", str(tmp_path / "meshes"), "--repeat", "1"]
-    command.main([*words, "--list"])
-    assert "library M1-steady" in capsys.readouterr().out
     command.main(words)
     printed = capsys.readouterr().out
+    assert "(failed)" not in printed
+    assert "(no time)" not in printed
     assert "| M1 steady | 723 | 104 |" in printed
     assert "| dense RBF in numpy, all centres |" in printed
     assert (tmp_path / "scale.png").read_bytes().startswith(b"\x89PNG")

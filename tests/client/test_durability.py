@@ -79,13 +79,3 @@ def test_a_level_that_the_server_does_not_offer(server_with, mesh):
         session = client.open(mesh)
         assert session.status().report["durability"] == "replay"
         session.close("discard")
-
-
-def test_a_planned_stop_loses_nothing(server, client, mesh):
-    session = client.open(mesh, durability="relaxed")
-    for _ in range(10):
-        step(session)
-    server.stop()
-    server.start()
-    assert step(session).step == 11
-    session.close()

@@ -8,10 +8,8 @@ from contextlib import closing
 import numpy as np
 import pytest
 import zmq
-from mesh_motion_client import QualityRefused, SessionError, Timeout, Unavailable, connect
+from mesh_motion_client import QualityRefused, SessionError, Unavailable, connect
 from mesh_motion_client.connection import Connection, ConnectionLost
-from mesh_motion_client.control import Control
-from mesh_motion_protocol.digests import request_digest
 from mesh_motion_protocol.messages import Hello
 
 from tests.faults.waiting import wait_until
@@ -25,28 +23,6 @@ def kill_worker(server, session):
 
 def listed(client, session):
     return next(entry for entry in client.sessions() if entry["session"] == session.credentials.session)
-
-
-def test_kill_9_of_the_worker_in_the_middle_of_a_move(server, session, background):
-    session.move(UP)
-    session.commit()
-    with server.hold():
-        moving = background(lambda: session.move(2 * UP))
-        wait_until(lambda: server.moves() == 2, "the move runs")
-        kill_worker(server, session)
-    moved = moving()
-    assert moved.displacement.tolist() == [[0.0, 0.5]] * 16
-    assert session.commit().step == 2
-    assert session.points()[0, 1] == 0.5
-
-
-def test_a_commit_whose_trial_died_is_preceded_by_its_move(server, session):
-    session.move(2 * UP)
-    session.move(UP)
-    kill_worker(server, session)
-    assert session.commit().step == 1
-    assert session.points()[0, 1] == 0.25
-    assert server.moves() == 3
 
 
 def test_a_trial_outlives_a_refused_move_that_a_worker_did_not(server, session, background):
@@ -75,52 +51,12 @@ def test_kill_9_of_the_whole_server_and_restart(server, session, background, cap
     assert (session.step, session.points()[0, 1]) == (2, 0.5)
 
 
-def test_after_a_timeout_another_call_is_another_request(server, session):
-    with server.hold(), pytest.raises(Timeout):
-        session.move(UP, timeout=0.3)
-    assert session.move(2 * UP).displacement[0, 1] == 0.5
-    assert server.moves() == 2
-
-
-@pytest.mark.nightly
-def test_a_server_that_stays_away_ends_the_call_in_time(server, session):
-    session.move(UP)
-    server.kill()
-    began = time.monotonic()
-    with pytest.raises((Timeout, Unavailable)):
-        session.commit(timeout=1.0)
-    assert time.monotonic() - began < 20  # a COMMIT of its own accord: 30
-    server.start()
-    assert session.commit().step == 1
-
-
 def test_a_trial_is_made_again_after_the_lease_ended(client, session):
     session.move(UP)
     session._courier.disconnect()
     wait_until(lambda: listed(client, session)["state"] == "SUSPENDED", "the lease ended")
     assert session.commit().step == 1
     assert session.points()[0, 1] == 0.25
-
-
-def test_a_resume_without_a_reply_does_not_fence_its_sender(server, session, monkeypatch):
-    session.move(UP)
-    session.commit()
-    ask, deaf = Control.ask, [True]
-
-    def unanswered(self, kind, *arguments, **fields):
-        reply = ask(self, kind, *arguments, **fields)
-        if kind.type == "RESUME" and deaf.pop():
-            self._unanswered = {request_digest(kind(client=b"c" * 16, sequence=1, **fields)): self._sequence}
-            raise Timeout("seeded")
-        return reply
-
-    monkeypatch.setattr(Control, "ask", unanswered)
-    kill_worker(server, session)
-    with pytest.raises(Timeout, match="seeded"):
-        session.move(UP)
-    deaf.append(False)
-    assert session.move(UP).iteration == 1
-    assert session.commit().step == 2
 
 
 def test_a_join_that_failed_leaves_no_connection_behind(server, session, monkeypatch):

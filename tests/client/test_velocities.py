@@ -1,11 +1,9 @@
 """Velocities and swept volumes through the client, and through the asynchronous client."""
 
-import asyncio
-
 import numpy as np
 import pytest
 from client_square import bulge, square
-from mesh_motion_client import InvalidInput, SessionError, aio, connect
+from mesh_motion_client import InvalidInput, connect
 
 TIMES = (1.0, 1.25, 1.5, 2.5)
 
@@ -62,28 +60,6 @@ def test_swept_volumes_by_cells_and_of_faces(session):
         one.swept_of_cells()
     with pytest.raises(InvalidInput, match="row 0: column 1 is 900"):
         session.move(bulge(0.2), report="swept", swept_faces=[[0, 900]])
-
-
-def test_a_missing_time_or_setting_is_named_with_the_way_out(session):
-    with pytest.raises(InvalidInput, match=r"time is missing.*give the MOVE the time"):
-        session.move(bulge(0.1), velocity="bdf2")
-    with pytest.raises(SessionError, match="open it with time_levels = 'bossak'"):
-        session.move(bulge(0.1), velocity="bossak", time=2.0)
-
-
-def test_awaited(server):
-    async def run():
-        async with (
-            aio.connect(server.endpoint) as there,
-            there.open(square(), time=0.0, time_levels="bossak") as session,
-        ):
-            moved = await session.move(bulge(0.1), time=0.5, velocity="bossak", report="swept")
-            await session.commit(time=0.5)
-            return moved
-
-    moved = asyncio.run(run())
-    np.testing.assert_allclose(moved.velocity, 0.8 / 0.4225 / 0.5 * moved.displacement, atol=1e-14)
-    assert moved.swept.shape == (4 * 64,)
 
 
 def quad_areas(x):

@@ -74,6 +74,7 @@ def around(owner, name, wrong):
     return replacing((owner, name, lambda *given, **named: wrong(right, *given, **named)))
 
 
+_COUNT = itertools.count(1)
 #: Faults of one wrong function; longer ones follow.
 FAULTS = [
     # exactly once
@@ -173,19 +174,66 @@ FAULTS = [
     Fault("takes control requests at a session",
           replacing((worker, "unexpected", lambda request, *_, **__: worker.Pong(client=request.client, sequence=1))),
           ("2.2-OPEN-at-data",)),
+    # by a wrong function around the right one
+    Fault("takes the epoch for content",
+          around(commands, "request_digest",
+                 lambda honest, message: honest(message) + bytes([getattr(message, "epoch", 0) % 256])),
+          ("10.2-epoch-is-no-content",)),
+    Fault("opens again for each repeat",
+          around(RequestBook, "enter", lambda enter, self, *asked: (self._users.clear(), enter(self, *asked))[1]),
+          ("10.6-repeat-of-OPEN", "10.6-repeat-of-RESUME")),
+    Fault("drops the trial for a derivative",
+          around(Session, "cotangent", lambda honest, self, *given: (honest(self, *given), self.rollback())[0]),
+          ("24.5-nothing-changes",)),
+    Fault("answers another field",
+          around(FieldSlope, "tangent",
+                 lambda honest, *given: replace(found := honest(*given), coefficients=2 * found.coefficients)),
+          ("24.7-field-of-the-tangent", "24.8-counted-coefficients")),
+    Fault("leaves out what other nodes count",
+          around(FieldSlope, "cotangent",
+                 lambda honest, self, given: honest(self, replace(given, coefficients=0 * given.coefficients))),
+          ("24.8-counted-coefficients",)),
+    Fault("takes the first step for every step",
+          around(answers, "scheme_velocity",
+                 lambda honest, *given: honest(*given[:3], replace(given[3], time=given[4] - 0.25), given[4])),
+          ("25.2-bdf1", "25.3-bdf2-survives")),
+    Fault("drops the trial when it refuses",
+          around(Session, "require_next_step",
+                 lambda check, self, step: (step != self.step + 1 and self.iteration and self.rollback(),
+                                            check(self, step))[1]),
+          ("7.2-MOVE-of-another-step", "7.2-trial-after-a-refused-move-commits")),
+    Fault("computes a little differently each time",
+          around(MergedMesh, "scatter_differences",
+                 lambda honest, *given: [own + next(_COUNT) * 1e-17 for own in honest(*given)]),
+          ("7.1-same-move-same-bytes",)),
+    Fault("answers the connection that asked first",
+          around(execution.Execution, "_gather",
+                 lambda gather, self, arrival, command: [] if self._gathering and self._gathering.repeats(arrival)
+                 else gather(self, arrival, command)),
+          ("2.5-repeated-request-is-answered-where-it-was-repeated-last",)),
+    Fault("takes the last of two keys",
+          replacing((header, "_map", lambda reader, frame, depth: {
+              reader.unpack(): header._value(reader, frame, depth + 1) for _ in range(reader.read_map_header())})),
+          ("4.1-key-twice-in-the-header", "4.1-key-twice-in-fields")),
+    Fault("takes true for 1",
+          around(schema, "_check_kind", lambda check, value, kind, finite:
+                 check(int(value) if isinstance(value, bool) and kind is int else value, kind, finite)),
+          ("12-MOVE-step-is-bool", "12-OPEN-partitions-is-bool")),
+    Fault("answers twice", around(Gateway, "_reply", lambda reply, *given: (reply(*given), reply(*given))[1]),
+          ("2.5-one-reply-to-each-of-many",)),
+    Fault("boots again for every client",
+          replacing((gateway, "Welcome", lambda **fields:
+                     Welcome(**(fields | {"boot": next(_COUNT).to_bytes(16, "big")})))),
+          ("18.4-boot-is-one",)),
+    Fault("leaves a limit out",
+          replacing((gateway, "Welcome", lambda limits, **fields:
+                     Welcome(limits={name: value for name, value in limits.items() if name != "drain_ms"}, **fields))),
+          ("6-drain_ms-in-WELCOME",)),
 ]  # fmt: skip
 fault = listed_in(FAULTS)
 
 
 # --- exactly once ---
-
-
-@fault("10.2-epoch-is-no-content")
-def takes_the_epoch_for_content(patch):
-    def with_epoch(message):
-        return digests.request_digest(message) + bytes([getattr(message, "epoch", 0) % 256])
-
-    patch.setattr(commands, "request_digest", with_epoch)
 
 
 @fault("10.5-error-is-not-remembered")
@@ -197,16 +245,6 @@ def remembers_errors_as_executed(patch):
         store(self, replace(request_id, content=b"failed"), None)
 
     patch.setattr(ReplyTable, "store", refuse)
-
-
-@fault("10.6-repeat-of-OPEN", "10.6-repeat-of-RESUME")
-def opens_again_for_each_repeat(patch):
-    def again(self, *asked):
-        self._users.clear()
-        return enter(self, *asked)
-
-    enter = RequestBook.enter
-    patch.setattr(RequestBook, "enter", again)
 
 
 # --- durability ---
@@ -232,49 +270,6 @@ def does_not_report_lost_steps(patch):
 # --- states and results ---
 
 
-@fault("24.5-nothing-changes")
-def drops_the_trial_for_a_derivative(patch):
-    honest = Session.cotangent
-
-    def forgetful(self, what, weights):
-        found = honest(self, what, weights)
-        self.rollback()
-        return found
-
-    patch.setattr(Session, "cotangent", forgetful)
-
-
-@fault("24.7-field-of-the-tangent", "24.8-counted-coefficients")
-def answers_another_field(patch):
-    honest = FieldSlope.tangent
-
-    def doubled(self, velocity):
-        found = honest(self, velocity)
-        return replace(found, coefficients=2 * found.coefficients)
-
-    patch.setattr(FieldSlope, "tangent", doubled)
-
-
-@fault("24.8-counted-coefficients")
-def leaves_out_what_other_nodes_count(patch):
-    honest = FieldSlope.cotangent
-
-    def boundary_only(self, given):
-        return honest(self, replace(given, coefficients=0 * given.coefficients))
-
-    patch.setattr(FieldSlope, "cotangent", boundary_only)
-
-
-@fault("25.2-bdf1", "25.3-bdf2-survives")
-def takes_the_first_step_for_every_step(patch):
-    honest = answers.scheme_velocity
-
-    def even(scheme, moved, committed, level, time):
-        return honest(scheme, moved, committed, replace(level, time=time - 0.25), time)
-
-    patch.setattr(answers, "scheme_velocity", even)
-
-
 @fault("25.3-bdf2-survives", "25.3-bossak-survives")
 def resumes_without_earlier_levels(patch):
     resume = Session.resume
@@ -285,26 +280,6 @@ def resumes_without_earlier_levels(patch):
         return found
 
     patch.setattr(Session, "resume", forgetful)
-
-
-@fault("7.2-MOVE-of-another-step", "7.2-trial-after-a-refused-move-commits")
-def drops_the_trial_when_it_refuses(patch):
-    check = Session.require_next_step
-
-    def forgetful(self, step):
-        if step != self.step + 1 and self.iteration:
-            self.rollback()
-        check(self, step)
-
-    patch.setattr(Session, "require_next_step", forgetful)
-
-
-@fault("7.1-same-move-same-bytes")
-def computes_a_little_differently_each_time(patch):
-    noise, honest = itertools.count(1), MergedMesh.scatter_differences
-    patch.setattr(
-        MergedMesh, "scatter_differences", lambda *given: [own + next(noise) * 1e-17 for own in honest(*given)]
-    )
 
 
 @fault("7.5-committed-frame", "7.5-reference-frame")
@@ -329,22 +304,6 @@ def gives_step_0_with_the_reference_mesh(patch):
     patch.setitem(execution.COMMANDS, "FETCH", replace(execution.COMMANDS["FETCH"], answer=wrong))
 
 
-# --- partitions ---
-
-
-@fault("2.5-repeated-request-is-answered-where-it-was-repeated-last")
-def answers_the_connection_that_asked_first(patch):
-    gather = execution.Execution._gather
-
-    def stubborn(self, arrival, command):
-        before = self._gathering
-        if before is not None and before.repeats(arrival):
-            return []
-        return gather(self, arrival, command)
-
-    patch.setattr(execution.Execution, "_gather", stubborn)
-
-
 # --- the wire ---
 
 
@@ -353,14 +312,6 @@ def admits_extension_types(patch):
     patch.setattr(header, "_no_extension", lambda code, data: code)
     unpacker = msgpack.Unpacker
     patch.setattr(header.msgpack, "Unpacker", lambda *file, **given: unpacker(*file, **(given | {"max_ext_len": 64})))
-
-
-@fault("4.1-key-twice-in-the-header", "4.1-key-twice-in-fields")
-def takes_the_last_of_two_keys(patch):
-    def last(reader, frame, depth):
-        return {reader.unpack(): header._value(reader, frame, depth + 1) for _ in range(reader.read_map_header())}
-
-    patch.setattr(header, "_map", last)
 
 
 @fault("4.8-nil-behind-the-map", "4.8-itself-behind-the-map")
@@ -372,16 +323,6 @@ def passes_over_what_follows_the_map(patch):
         return unpack(frame[: reader.tell()])
 
     patch.setattr(codec, "unpack", first)
-
-
-@fault("12-MOVE-step-is-bool", "12-OPEN-partitions-is-bool")
-def takes_true_for_1(patch):
-    check = schema._check_kind
-
-    def lax(value, kind, finite):
-        check(int(value) if isinstance(value, bool) and kind is int else value, kind, finite)
-
-    patch.setattr(schema, "_check_kind", lax)
 
 
 @fault("5.3-MOVE-a-byte-more", "5.3-two-chunks-cut-elsewhere")
@@ -404,32 +345,3 @@ def moves_nodes_to_nowhere(patch):
 
     patch.setattr(move, "_check_rows", blind)
     patch.setattr(motions, "_check_places", lambda targets, mesh: None)  # would see it a line later
-
-
-@fault("2.5-one-reply-to-each-of-many")
-def answers_twice(patch):
-    reply = Gateway._reply
-
-    def twice(self, peer, message):
-        reply(self, peer, message)
-        reply(self, peer, message)
-
-    patch.setattr(Gateway, "_reply", twice)
-
-
-# --- errors, versions ---
-
-
-@fault("18.4-boot-is-one")
-def boots_again_for_every_client(patch):
-    boots = itertools.count()
-    patch.setattr(gateway, "Welcome", lambda **f: Welcome(**(f | {"boot": next(boots).to_bytes(16, "big")})))
-
-
-@fault("6-drain_ms-in-WELCOME")
-def leaves_a_limit_out(patch):
-    def without(**fields):
-        limits = {name: value for name, value in fields["limits"].items() if name != "drain_ms"}
-        return Welcome(**(fields | {"limits": limits}))
-
-    patch.setattr(gateway, "Welcome", without)

@@ -3,7 +3,11 @@
 import pytest
 from in_process import in_process_server
 from mesh_motion_client.conformance import play
+from mesh_motion_conformance.case import Case, require
+from mesh_motion_conformance.checks import answered, refused
 from mesh_motion_conformance.command import Subject, conform
+from mesh_motion_conformance.runner import run
+from mesh_motion_conformance.server.stage import Stage
 from seeded_faults import FAULTS
 from wrong_clients import WRONG_CLIENTS
 
@@ -36,6 +40,24 @@ def test_a_server_without_fault_fails_no_case(tmp_path):
             # a short time-out detects a wrong, silent server; a correct one may be as slow as the machine
             failed = failing(server.endpoint, failed, seconds=30.0)
     assert sorted(failed) == WITHOUT_JUDGEMENT
+
+
+@pytest.mark.parametrize("wrong", [False, True])
+def test_sessions_of_a_case_end_with_it_and_shared_ones_do_not(wrong, tmp_path):
+    sessions = []
+
+    def opens(stage):
+        sessions[:] = [stage.session("READY"), stage.open().reach("READY")]
+        require(not wrong, "nothing", "something")
+
+    with in_process_server(tmp_path) as server:
+        stage = Stage(server.endpoint, seconds=30.0)
+        (outcome,) = run([Case("1", "opens", "a demand", opens)], stage)
+        assert outcome.verdict == ("FAIL" if wrong else "PASS")
+        shared, own = (stage.ask(session.request("RESUME")) for session in sessions)
+        answered(shared, "RESUMED")
+        refused(own, "NOT_FOUND")
+        stage.close()
 
 
 @pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.name)

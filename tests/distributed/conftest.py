@@ -1,17 +1,12 @@
-"""Clusters of worker processes on this machine, and the meshes of the tests of numerics."""
+"""Clusters of worker processes on this machine."""
 
-import sys
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import pytest
+from worker_processes import workers
 
-sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parents[1] / "numerics")]
-
-from worker_processes import workers  # noqa: E402
-
-from tests.faults.server_process import ServerProcess  # noqa: E402
+from tests.faults.server_process import ServerProcess
 
 
 @pytest.fixture(scope="module")

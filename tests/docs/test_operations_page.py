@@ -12,7 +12,6 @@ import pytest
 from shown_commands import blocks, run
 
 from mesh_motion_server.commands.outcome import ExitStatus
-from mesh_motion_server.operation.metrics import METRICS, PREFIX
 from mesh_motion_server.settings import ServerSettings
 from mesh_motion_server.transport import telemetry
 
@@ -54,20 +53,6 @@ def test_the_settings_are_known_and_their_defaults_right(tmp_path: Path) -> None
     assert [(name, float(default)) for name, default in rows] == [
         (name, float(getattr(ServerSettings(), name))) for name, _ in rows
     ]
-
-
-def test_rules_and_probes_name_what_there_is() -> None:
-    yaml = pytest.importorskip("yaml")
-    scrape, rules, probes = (yaml.safe_load(block) for block in blocks(PAGE, "yaml"))
-    assert scrape["scrape_configs"][0]["static_configs"][0]["targets"] == ["127.0.0.1:9464"]
-    endings = {"counter": ("_total",), "gauge": ("",), "histogram": ("_bucket", "_count", "_sum")}
-    known = {PREFIX + metric.name + ending for metric in METRICS.values() for ending in endings[metric.kind]}
-    for rule in rules["groups"][0]["rules"]:
-        used = re.findall(rf"{PREFIX}[a-z_]+", rule["expr"])
-        assert used or rule["alert"] == "MeshMotionDown"
-        assert [name for name in used if name not in known] == []
-    for probe in (probes["livenessProbe"], probes["readinessProbe"]):
-        compile(probe["exec"]["command"][2], "probe", "exec")
 
 
 def test_figures_of_the_logs_are_those_of_the_code() -> None:

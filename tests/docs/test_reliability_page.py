@@ -21,16 +21,3 @@ def test_each_fault_has_what_found_it() -> None:
     assert len(found) > 30
     known = {check.name for check in CHECKS} | {"journal", "operation"}
     assert {part for cell in found for part in cell.split(", ")} <= known
-
-
-def test_files_that_the_page_names_exist() -> None:
-    links = re.findall(r"\]\(([^)#]+)", PAGE)
-    assert all((ROOT / "docs" / link).exists() for link in links)
-    paths = re.findall(r"`([a-z_]+/[a-z_/.]+)`", PAGE)
-    assert all((ROOT / path).exists() for path in paths)
-
-
-def test_the_commands_name_rows() -> None:
-    asked = re.findall(r"--only ([a-z0-9-]+)", PAGE)
-    assert asked
-    assert set(asked) <= {check.name for check in CHECKS}

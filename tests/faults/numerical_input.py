@@ -30,7 +30,6 @@ from tests.faults.in_process import InProcessServer, allow_everybody_listed, qui
 from tests.faults.inputs.bad_meshes import BAD_MESHES
 from tests.faults.inputs.bad_methods import BAD_METHODS
 from tests.faults.inputs.bad_moves import BAD_MOVES
-from tests.faults.inputs.bad_opens import BAD_OPENS
 from tests.faults.inputs.bad_uploads import BAD_UPLOADS
 from tests.faults.inputs.cases import BadInput, Names
 from tests.faults.inputs.drafts import DRAFTS, Draft, Part
@@ -38,7 +37,7 @@ from tests.faults.inputs.extremes import EXTREMES, Extreme, Outcome
 from tests.faults.inputs.rig import LIMITS, Rig, opened
 
 #: All rows of bad inputs.
-BAD_INPUTS: tuple[BadInput, ...] = (*BAD_OPENS, *BAD_UPLOADS, *BAD_MESHES, *BAD_METHODS, *BAD_MOVES)
+BAD_INPUTS: tuple[BadInput, ...] = (*BAD_UPLOADS, *BAD_MESHES, *BAD_METHODS, *BAD_MOVES)
 
 
 @dataclass
@@ -105,10 +104,7 @@ class _Bench:
         good, bad = _good(row), _good(row)
         found = row.spoil(bad, rng)
         part, names = found if isinstance(found, tuple) else (None, found)
-        if row.where == "open":
-            reply = opened(bad, self._server, next(self._numbers))
-            _judge(reply, row, names, state="", noise=[])
-        elif row.where == "upload":
+        if row.where == "upload":
             assert part is not None  # the row has it
             self._refused_upload(row, good, part, names)
         elif row.where == "build":

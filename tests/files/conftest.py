@@ -1,13 +1,8 @@
 """Meshes for the tests of several readers."""
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-
-sys.path[:0] = [str(Path(__file__).parents[1] / "numerics")]
 
 Cells = dict[str, NDArray[np.int64]]
 

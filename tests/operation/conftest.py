@@ -1,12 +1,8 @@
-"""Makes the helper modules of this folder importable under pytest's importlib mode."""
+"""Servers, and small file systems."""
 
 import contextlib
 import os
 import subprocess
-import sys
-from pathlib import Path
-
-sys.path.insert(0, str(Path(__file__).parent))
 
 import pytest
 from served import Served

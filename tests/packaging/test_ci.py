@@ -11,6 +11,7 @@ from bare_environment import ROOT
 
 PARTS = ["system", "kratos", "lint", "tests", "prove", "wheel", "bare", "docs"]
 OF_THE_KERNELS = ["c_library", "fuzzed_arguments", "repeated_calls"]
+STUDIES = ["studies"]
 OF_THE_DISTRIBUTIONS = ["distributions", "extras", "release"]
 WORKFLOWS = sorted((ROOT / ".github" / "workflows").glob("*.yml"))
 STUBS = ("adapters/kratos/environment.sh", "adapters/openfoam/Allwmake", "tools/without_compiler.sh", ".venv/bin/pip",
@@ -67,8 +68,8 @@ def test_long_parts_are_left_out_where_their_files_are_those_of_main(checkout: P
 @pytest.mark.parametrize(
     ("changed", "left_out"),
     [
-        ("page.md", [*OF_THE_KERNELS, *OF_THE_DISTRIBUTIONS]),
-        ("pyproject.toml", OF_THE_KERNELS),
+        ("page.md", [*OF_THE_KERNELS, *OF_THE_DISTRIBUTIONS, *STUDIES]),
+        ("pyproject.toml", [*OF_THE_KERNELS, *STUDIES]),
         ("numerics/numerics.py", ["fuzzed_arguments", "repeated_calls", *OF_THE_DISTRIBUTIONS]),
         ("numerics/kernels/loop.hpp", []),
         (".ci/new", []),

@@ -56,25 +56,6 @@ def test_partitions_get_what_one_gets(store: Any, whole: Any) -> None:
     many.host.close()
 
 
-def test_they_change_nothing(store: Any, whole: Any) -> None:
-    """Neither the trial nor the digest of its commit changes, nor the answers of a resumed session."""
-    other = new_session(store, [boxed(12)], "4" * 32, support_radius=0.8)
-    other.open()
-    digests = []
-    for driver, asks in ((whole, True), (other, False)):
-        for step in (1, 2):
-            (moved,) = driver.all(Move, bulge(driver, 0.1 * step), step=step)
-            if asks:
-                asked(driver, Tangent, "velocity", velocities(driver))
-                asked(driver, Cotangent, "weights", [moved.displacement])
-            (again,) = driver.all(Move, bulge(driver, 0.1 * step), step=step)
-            assert again.displacement.tobytes() == moved.displacement.tobytes()
-            (committed,) = driver.all(Commit, step=step)
-            digests.append(committed.digest)
-    assert digests[:2] == digests[2:]
-    other.host.close()
-
-
 def test_a_committed_state_has_the_derivative_of_its_trial_also_when_resumed(store: Any, whole: Any) -> None:
     (trial,) = asked(whole, Tangent, "velocity", velocities(whole))
     whole.all(Commit, step=1)
@@ -128,13 +109,4 @@ def test_partitions_that_give_different_numbers_of_vectors_are_refused(store: An
     assert [reply.code for reply in refused] == ["INVALID_ARGUMENT.PARTITION"] * 2
     assert "columns 4, partition 1 for" in refused[0].message
     assert all(type(reply) is not ErrorReply for reply in asked(driver, kind, name, rows, "committed"))
-    driver.host.close()
-
-
-def test_a_method_without_derivatives_says_so(store: Any) -> None:
-    driver = new_session(store, [boxed(12)], "6" * 32, support_radius=0.8, correction="optimised")
-    assert not driver.open()[0].derivatives
-    (refused,) = asked(driver, Cotangent, "weights", [driver.meshes[0].points], "committed")
-    assert refused.code == "FAILED_PRECONDITION"
-    assert refused.details["setting"] == "displacement"
     driver.host.close()

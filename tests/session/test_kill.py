@@ -11,10 +11,10 @@ from tests.faults.kill_nine import CHECK, Witness, kill_again_and_again, require
 
 
 def test_a_few_kills() -> None:
-    result = CHECK.run(7, Budget(18))
+    result = CHECK.run(7, Budget(6))
     assert result.passed
-    assert result.details["kills"] >= 18  # more on a machine so slow that none of them resumes
-    assert result.details["acknowledged"] >= 3
+    assert result.details["kills"] >= 6  # more on a machine so slow that none of them resumes
+    assert result.details["acknowledged"] >= 1
     assert result.details["asked_again"] <= result.details["recovered"]  # none where the kills come too early
 
 

@@ -16,7 +16,7 @@ from mesh_motion_protocol.messages import Commit, Hello, Join, Move, Open, Ping,
 from mesh_motion_server.security.key_folder import admit, make_server_keys
 from mesh_motion_server.transport.protection import Protection, user_of
 from mesh_motion_server.transport.self_test import ProtectionError, check_admits, check_refuses
-from tests.faults.attacks import ended, endless_message, forged_user, half_open, oversized_hello, ready, storm
+from tests.faults.attacks import forged_user, half_open, ready, storm
 from tests.faults.limited_context import limited_context
 from tests.faults.waiting import wait_until
 
@@ -88,15 +88,6 @@ def test_strangers_at_the_data_endpoint_do_not_end_the_lease(start, open_session
     assert data.ask(Status, **at).state == "READY"
 
 
-def test_without_a_time_for_handshakes_they_would_stay():
-    with careless(HANDSHAKE_IVL=0) as (_, endpoint):
-        here = open_files("self")
-        with half_open(endpoint, seed=3, count=20) as held:
-            held[0].settimeout(1.5)  # three times what the server above allows
-            assert not ended(held[0])
-            assert open_files("self") >= here + 40  # both ends are ours
-
-
 def test_more_connections_than_descriptors_are_survived(target, victim, connect):
     endpoint, pid = victim["control"]
     files = open_files(pid)
@@ -118,17 +109,6 @@ def test_the_gateway_and_the_workers_have_bounds(victim):
         assert 0 < resource.prlimit(pid, resource.RLIMIT_AS)[0] < 64 << 30
 
 
-def test_without_a_largest_message_all_of_it_would_be_taken():
-    _, secret = zmq.curve_keypair()
-    with careless(CURVE_SERVER=1, CURVE_SECRETKEY=secret) as (_, endpoint):
-        assert oversized_hello(endpoint, 50 * MIB) == 50 * MIB
-
-
-def test_without_a_memory_limit_an_endless_message_would_not_end():
-    with careless(MAXMSGSIZE=1 << 16, RCVHWM=2) as (_, endpoint):
-        assert endless_message(endpoint, 64 << 10, 40 * MIB) == 40 * MIB
-
-
 def test_a_second_client_with_the_same_routing_id_does_not_get_the_firsts_replies(target, victim, connect):
     endpoint, _ = victim["data"]
     first = connect(endpoint, target.client_keys, routing_id=b"solver")
@@ -137,18 +117,6 @@ def test_a_second_client_with_the_same_routing_id_does_not_get_the_firsts_replie
     second.send(Ping)
     assert first.ask(Ping).type == "PONG"
     assert not second.socket.poll(100)
-
-
-def test_with_handover_it_would(connect):
-    with careless(ROUTER_HANDOVER=1) as (server, endpoint):
-        first = connect(endpoint, routing_id=b"solver")
-        first.send(Ping)
-        peer, _ = server.recv_multipart()
-        second = connect(endpoint, routing_id=b"solver")
-        second.send(Ping)
-        assert server.recv_multipart()[0] == peer
-        server.send_multipart([peer, b"for the first one"])
-        assert second.socket.recv() == b"for the first one"
 
 
 EMPTY_MAPS = msgpack.packb([{}] * 60_000)

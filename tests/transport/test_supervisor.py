@@ -48,11 +48,17 @@ def test_a_session_from_open_to_close(start, connect, open_session, scheme, tmp_
 
 
 def test_a_session_that_cannot_be_opened_is_refused_with_the_reason(start, connect):
-    server = start(max_sessions=1, max_session_bytes=1 << 20, durability=["full"])
+    server = start(
+        max_sessions=1, max_session_bytes=1 << 20, durability=["full"], max_partitions=4, max_label_characters=40
+    )
     control = connect(server.endpoint)
     assert control.ask(Open, dimension=2, settings={"radius": 1.0}).code.startswith("INVALID_ARGUMENT")
     assert control.ask(Open, dimension=2, durability="relaxed").code.startswith("INVALID_ARGUMENT")
     assert control.ask(Open, dimension=2, bytes_reserved=1 << 30).code == "RESOURCE_EXHAUSTED.BYTES"
+    for field, value, most in (("partitions", 5, 4), ("label", "x" * 41, 40)):
+        refused = control.ask(Open, dimension=2, **{field: value})
+        assert (refused.code, refused.details["field"]) == ("INVALID_ARGUMENT.VALUE", field)
+        assert f"at most {most}" in refused.message
     broken = control.ask(Open, dimension=2, label="broken")
     assert (broken.code, broken.message, broken.hint) == ("INVALID_ARGUMENT", "this one does not open", "it is a test")
     assert control.ask(Open, dimension=2).type == "OPENED"

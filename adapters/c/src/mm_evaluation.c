@@ -15,22 +15,6 @@
 #define MOST_QUESTIONS 200
 #define MOST_DIVISIONS 6
 
-static void free_freed(freed *old)
-{
-    free(old->nodes);
-    free(old->displacement);
-    free(old->sent);
-    *old = (freed){0};
-}
-
-void mmi_forget_accepted(mm_session *session)
-{
-    while (session->accepted_count) {
-        mmi_free_request(&session->accepted[--session->accepted_count]);
-    }
-    free_freed(&session->trial_freed);
-}
-
 /* Send a request that owns its arrays, and keep it for a lost trial if its reply `is_accepted`. */
 static outcome deliver_own(mm_session *session, request *made, int (*is_accepted)(const mm_report *), answer *got)
 {
@@ -51,7 +35,7 @@ void mmi_keep_freed(mm_session *session)
     freed kept = session->trial_freed;
     session->trial_freed = (freed){0};
     mmi_forget_accepted(session);
-    free_freed(&session->committed_freed);
+    mmi_free_freed(&session->committed_freed);
     session->committed_freed = kept;
 }
 
@@ -78,14 +62,6 @@ static outcome kernels_failed(const mm_session *session, int result)
     const char *message = mesh_motion_kernels_error();
     return mmi_fail(session->context, code, "", "%s",
                     *message ? message : "the field of the server does not fit together");
-}
-
-void mmi_forget_volume(mm_session *session)
-{
-    mmi_forget_accepted(session);
-    free_freed(&session->committed_freed);
-    mmv_free(session->volume);
-    session->volume = NULL;
 }
 
 outcome mmi_make_volume(mm_session *session)
@@ -652,7 +628,7 @@ static outcome correct(mm_session *session, const char *what, const double *know
                                        : kernels_failed(session, result);
         how = how == DONE ? keep_sent(session, region, &sent) : how;
         mesh_motion_region_free(region);
-        free_freed(&around);
+        mmi_free_freed(&around);
         if (how == DONE) {
             int is_trial = strcmp(what, "trial") == 0;
             how = deliver_own(session, &made, is_trial ? is_corrected : is_never_kept, &corrected);
@@ -669,15 +645,15 @@ static outcome correct(mm_session *session, const char *what, const double *know
         how = result == MESH_MOTION_OK ? DONE : mmi_no_memory(session->context);
         free(around.nodes);
         around.nodes = nodes;
-        free_freed(found);
+        mmi_free_freed(found);
         *found = around;
         found->step = session->step + (strcmp(what, "trial") == 0);
         found->sent = sent.sent;
         found->sent_count = sent.sent_count;
         around = sent = (freed){0};
     }
-    free_freed(&around);
-    free_freed(&sent);
+    mmi_free_freed(&around);
+    mmi_free_freed(&sent);
     return how;
 }
 
@@ -742,7 +718,7 @@ outcome mmi_take_points(mm_session *session, const answer *fetched, double *poin
             put_freed(session, &session->committed_freed, at_rest, points);
         }
     } else if (how == DONE && !is_known) {
-        free_freed(&session->committed_freed);
+        mmi_free_freed(&session->committed_freed);
         session->committed_freed.step = session->step;
     }
     free(known);
@@ -814,9 +790,14 @@ outcome mmi_know_correction(mm_session *session)
     if (!points) {
         return mmi_no_memory(session->context);
     }
-    mm_result result = mm_fetch(session, MM_SINCE_COMMITTED, nodes, points);
+    answer fetched = {0};
+    request fetch = mmi_session_request(session, "FETCH", "FETCHED");
+    mmi_add_text(&fetch, "what", "committed");
+    outcome how = mmi_deliver(session, &fetch, session->context->timeout, &fetched);
+    how = how == DONE ? mmi_take_points(session, &fetched, points) : how;
+    mmi_free_answer(&fetched);
     free(points);
-    return result == MM_OK ? DONE : FAILED;
+    return how;
 }
 
 /* Copy rows of d numbers; the distances between rows are `from_step` and `to_step` numbers. */
@@ -978,8 +959,6 @@ outcome mmi_add_weights(mm_session *session, size_t vectors, const double *weigh
     (void)vectors, (void)weights, (void)to;
     return not_built_in(session);
 }
-void mmi_forget_accepted(mm_session *session) { (void)session; }
 void mmi_keep_freed(mm_session *session) { (void)session; }
-void mmi_forget_volume(mm_session *session) { (void)session; }
 
 #endif

@@ -9,7 +9,6 @@
 
 /* Copy the caller's mesh into session->volume, once. Does nothing if the server evaluates. */
 outcome mmi_make_volume(mm_session *session);
-void mmi_forget_volume(mm_session *session);
 /* Replace the blocks by the uploaded part of the mesh: its boundary, and the number of cells. */
 outcome mmi_gather_blocks(mm_session *session);
 /* Add the content of the next upload to the blocks, for the layers of thin cells: the cells within session->reach of
@@ -26,8 +25,6 @@ outcome mmi_take_trial(mm_session *session, const answer *moved, double *to);
 outcome mmi_take_points(mm_session *session, const answer *fetched, double *points);
 /* The trial is committed: its correction becomes that of the committed state, and no request has to be sent again. */
 void mmi_keep_freed(mm_session *session);
-/* Free the requests of the trial that the server has accepted. */
-void mmi_forget_accepted(mm_session *session);
 /* Called before a derivative at the committed state: makes sure that both sides know its correction. */
 outcome mmi_know_correction(mm_session *session);
 /* The server no longer knows the correction. */

@@ -1,6 +1,9 @@
-/* The mesh: the caller's arrays, their check, and their upload. See mesh_motion.h. */
+/* The mesh: the caller's arrays and their check. See mesh_motion.h. */
 #include "mm_mesh.h"
-#include "mm_evaluation.h"
+
+#ifdef MM_EVALUATION
+#include "mm_volume.h"
+#endif
 
 #include <inttypes.h>
 #include <math.h>
@@ -8,8 +11,33 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* The size of one UPLOAD: the worker never holds much more than the mesh itself. */
-#define PART_BYTES ((size_t)32 << 20)
+/* --- what an earlier mesh and trial leave ------------------------------------------------------------------------- */
+
+void mmi_free_freed(freed *old)
+{
+    free(old->nodes);
+    free(old->displacement);
+    free(old->sent);
+    *old = (freed){0};
+}
+
+void mmi_forget_accepted(mm_session *session)
+{
+    while (session->accepted_count) {
+        mmi_free_request(&session->accepted[--session->accepted_count]);
+    }
+    mmi_free_freed(&session->trial_freed);
+}
+
+void mmi_forget_volume(mm_session *session)
+{
+    mmi_forget_accepted(session);
+    mmi_free_freed(&session->committed_freed);
+#ifdef MM_EVALUATION
+    mmv_free(session->volume);
+#endif
+    session->volume = NULL;
+}
 
 /* --- what the caller gives ---------------------------------------------------------------------------------------- */
 
@@ -130,7 +158,7 @@ mm_result mm_global_ids(mm_session *session, const int64_t *ids)
     return mmi_add_block(session, &made);
 }
 
-/* --- upload ------------------------------------------------------------------------------------------------------- */
+/* --- check -------------------------------------------------------------------------------------------------------- */
 
 size_t mmi_mesh_bytes(const mm_session *session)
 {
@@ -164,7 +192,7 @@ outcome mmi_check_rows(mm_context *context, const block *rows, size_t nodes, con
     return DONE;
 }
 
-static outcome check_mesh(mm_session *session)
+outcome mmi_check_mesh(mm_session *session)
 {
     int has_ids = 0;
     for (size_t i = 0; i < session->block_count; ++i) {
@@ -184,121 +212,12 @@ static outcome check_mesh(mm_session *session)
     return DONE;
 }
 
-/* Continue after the end of the last call: the first UPLOAD is the one that was given up without an answer. */
-static outcome upload(mm_session *session)
+outcome mmi_check_shape(mm_session *session, size_t first, size_t second)
 {
-    outcome how = DONE;
-    answer uploaded = {0};
-    while (how == DONE && session->part < session->block_count) {
-        block rows = session->blocks[session->part];
-        /* the server stores 8 bytes for each */
-        size_t most = rows.columns ? PART_BYTES / (8 * rows.columns) : rows.rows;
-        size_t left = rows.rows - session->part_row;
-        request part = mmi_session_request(session, "UPLOAD", "UPLOADED");
-        mmi_add_text(&part, "item", rows.item);
-        mmi_add_text(&part, "name", rows.name);
-        mmi_add_text(&part, "role", rows.role);
-        block *sent = &part.arrays[0];
-        *sent = rows;
-        sent->item = "rows";
-        sent->rows = left < most ? left : most;
-        sent->data = rows.data ? (const uint8_t *)rows.data + session->part_row * rows.columns * rows.width : NULL;
-        how = mmi_deliver(session, &part, session->context->timeout, &uploaded);
-        if (how == DONE) {
-            session->part_row += sent->rows;
-            if (session->part_row >= rows.rows) {
-                ++session->part;
-                session->part_row = 0;
-            }
-        }
-        mmi_free_answer(&uploaded);
-    }
-    return how;
-}
-
-static outcome upload_and_build(mm_session *session)
-{
-    answer built = {0};
-    outcome how = DONE;
-    for (int is_asked = 1; how == DONE && is_asked;) { /* for more cells near moving walls (SPEC 23.2) */
-        mmi_free_answer(&built);
-        how = upload(session);
-        if (how == DONE) {
-            request ask_build = mmi_session_request(session, "BUILD", "BUILT");
-            if (session->evaluates) {
-                mmi_add_number(&ask_build, "reach", session->reach);
-            }
-            how = mmi_deliver(session, &ask_build, session->context->compute_timeout, &built);
-        }
-        double reach = how == DONE ? mm_report_number(&built.reply.report, "reach") : 0.0;
-        is_asked = reach > 0.0;
-        if (is_asked) {
-            session->reach = reach;
-            how = mmi_add_near_cells(session, &built);
-        }
-    }
-    if (how == DONE) {
-        how = mmi_take_moving_nodes(session, &built);
-    }
-    if (how == DONE) {
-        session->step = session->durable_step = session->iteration = 0;
-        session->may_resume = session->partitions == 1;
-        mmi_free_blocks(session); /* from now on the caller may free the arrays */
-        snprintf(session->state, sizeof session->state, "READY");
-        mmi_keep_report(&session->built, &built);
-    }
-    mmi_free_answer(&built);
-    return how;
-}
-
-/* Discard a session whose mesh was refused. The error of the call stays that of the refusal. */
-static void discard_quietly(mm_session *session)
-{
-    mm_context *context = session->context;
-    mm_result error = context->error;
-    problem kept = context->problem;
-    answer closed = {0};
-    request close = mmi_session_request(session, "CLOSE", "CLOSED");
-    mmi_add_text(&close, "outcome", "discard");
-    context->problem.details = (mm_report){0};
-    mmi_deliver(session, &close, PROBE_SECONDS, &closed);
-    mmi_free_answer(&closed);
-    mmi_disconnect(&session->data);
-    session->joined = 0;
-    mm_clear_error(context);
-    context->error = error;
-    context->problem = kept;
-}
-
-mm_result mm_build(mm_session *session)
-{
-    BEGIN_SESSION(session);
-    mm_context *context = session->context;
-    if (mmi_check_joined(session) == DONE && session->moving) {
-        /* checked here, not by the server: a refused session is discarded below, but this session is in use */
-        mmi_fail(context, "FAILED_PRECONDITION.STATE", "make another session for another mesh",
-                 "the session is built already");
-    }
-    if (context->error || check_mesh(session) != DONE) {
-        return context->error;
-    }
-    outcome how = FAILED;
-    if (session->evaluates && (mmi_make_volume(session) != DONE || mmi_gather_blocks(session) != DONE)) {
-        return context->error;
-    }
-    for (int attempt = 1;; ++attempt) {
-        how = upload_and_build(session);
-        /* SPEC 11.6: a session that was not built is lost with its worker, so another one is opened */
-        int is_gone = context->error == MM_UNAVAILABLE || context->error == MM_NOT_FOUND;
-        if (!is_gone || session->partitions > 1 || attempt == OPEN_ATTEMPTS) {
-            break;
-        }
-        if (mmi_open_patiently(session) != DONE) {
-            break;
-        }
-    }
-    if (how != DONE && session->partitions == 1 && session->joined && !mmi_is_unknown(context)) {
-        discard_quietly(session);
-    }
-    return context->error;
+    return first != MMI_OTHER_SHAPE && second != MMI_OTHER_SHAPE
+               ? DONE
+               : mmi_fail(session->context, "INVALID_ARGUMENT.SHAPE",
+                          "arrays are (dimension, nodes), and of several vectors (dimension, vectors, nodes)",
+                          "the first dimension of each array must be %d, and the number of vectors one for all",
+                          session->dimension);
 }

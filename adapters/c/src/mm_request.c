@@ -707,6 +707,31 @@ static outcome request_data(mm_session *session, request *request, double deadli
     return how;
 }
 
+/* Times, velocities, swept faces and the headroom. */
+static void add_velocity(request *move, const mm_session *session)
+{
+    if (session->has_time) {
+        mmi_add_number(move, "time", session->time);
+    }
+    if (session->scheme[0]) {
+        mmi_add_text(move, "velocity", session->scheme);
+    }
+    int is_headroom = strcmp(session->report, "headroom") == 0 || strcmp(session->report, "faces") == 0;
+    if (is_headroom && session->headroom_along[0]) {
+        mmi_add_text(move, "headroom_along", session->headroom_along);
+    }
+    block *array = &move->arrays[1]; /* behind the displacement */
+    if (session->boundary_velocity && strcmp(session->scheme, "tangent") == 0) {
+        *array = mmi_make_block("boundary_velocity", session->boundary_velocity, session->moving_count,
+                                (size_t)session->dimension, 8);
+        array->is_float = 1;
+        ++array;
+    }
+    if (session->swept_faces && strcmp(session->report, "swept") == 0) {
+        *array = mmi_make_block("swept_faces", session->swept_faces, session->face_count, session->face_corners, 8);
+    }
+}
+
 request mmi_move_request(const mm_session *session, mm_frame frame, const double *rows)
 {
     request move = mmi_session_request(session, "MOVE", "MOVED");
@@ -715,7 +740,7 @@ request mmi_move_request(const mm_session *session, mm_frame frame, const double
     mmi_add_text(&move, "report", session->report);
     move.arrays[0] = mmi_make_block("displacement", rows, session->moving_count, (size_t)session->dimension, 8);
     move.arrays[0].is_float = 1;
-    mmi_add_velocity(&move, session);
+    add_velocity(&move, session);
     return move;
 }
 
@@ -765,4 +790,11 @@ outcome mmi_deliver(mm_session *session, request *request, double seconds, answe
     remember_unanswered(context, &session->request, request);
     mmi_writer_free(&request->fields);
     return how;
+}
+
+outcome mmi_check_joined(mm_session *session)
+{
+    return session->joined ? DONE
+                           : mmi_fail(session->context, "FAILED_PRECONDITION.STATE",
+                                      "mm_open, mm_join or mm_resume first", "the session is not open");
 }

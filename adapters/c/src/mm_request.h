@@ -91,6 +91,8 @@ void mmi_data_endpoint(const mm_context *context, const answer *from, char *to, 
 
 /* --- the data endpoint ------------------------------------------------------------------------------------------- */
 
+/* FAILED unless the session is open. */
+outcome mmi_check_joined(mm_session *session);
 /* Connect to the worker and prove the right to the session. The caller frees `got`. */
 outcome mmi_join_worker(mm_session *session, const char *endpoint, int64_t epoch, double seconds, answer *got);
 /* Set the session's step to that of the server. With durability "relaxed" it may be lower than before a restart (SPEC

@@ -12,6 +12,8 @@
 #include <string.h>
 #include <unistd.h>
 
+/* The size of one UPLOAD: the worker never holds much more than the mesh itself. */
+#define PART_BYTES ((size_t)32 << 20)
 #define START_SECONDS 300.0 /* the first session of a server waits until a worker has started */
 
 /* --- a session and its settings ----------------------------------------------------------------------------------- */
@@ -218,7 +220,7 @@ static void forget_moving_nodes(mm_session *session)
     session->patch_node_count = 0;
 }
 
-outcome mmi_take_moving_nodes(mm_session *session, const answer *from)
+static outcome take_moving_nodes(mm_session *session, const answer *from)
 {
     mm_context *context = session->context;
     const mmi_array *array = mmi_find_array(&from->reply, "moving_nodes");
@@ -305,7 +307,7 @@ static outcome join_by(mm_session *session, const answer *from, double deadline)
         }
         session->may_resume =
             mmi_find_array(&joined.reply, "moving_nodes") && mmi_integer_field(&joined, "partitions") == 1;
-        how = how == DONE ? mmi_take_moving_nodes(session, &joined) : how;
+        how = how == DONE ? take_moving_nodes(session, &joined) : how;
         how = how == DONE ? mmi_take_step(session, mmi_integer_field(&joined, "step")) : how;
         how = how == DONE ? keep_joined(session, &joined) : how;
     }
@@ -348,7 +350,7 @@ static outcome open_session(mm_session *session, double deadline)
     return how;
 }
 
-outcome mmi_open_patiently(mm_session *session)
+static outcome open_patiently(mm_session *session)
 {
     const mm_context *context = session->context;
     double start = context->compute_timeout < START_SECONDS ? context->compute_timeout : START_SECONDS;
@@ -372,7 +374,7 @@ mm_result mm_open(mm_session *session)
                            "mm_points must be called before mm_open%s", "");
     }
     if (mmi_check_has_server(session->context) == DONE) {
-        mmi_open_patiently(session);
+        open_patiently(session);
     }
     return session->context->error;
 }
@@ -433,21 +435,125 @@ mm_result mm_resume(mm_session *session)
     return session->context->error;
 }
 
-outcome mmi_check_joined(mm_session *session)
+/* --- upload ------------------------------------------------------------------------------------------------------- */
+
+/* Continue after the end of the last call: the first UPLOAD is the one that was given up without an answer. */
+static outcome upload(mm_session *session)
 {
-    return session->joined ? DONE
-                           : mmi_fail(session->context, "FAILED_PRECONDITION.STATE",
-                                      "mm_open, mm_join or mm_resume first", "the session is not open");
+    outcome how = DONE;
+    answer uploaded = {0};
+    while (how == DONE && session->part < session->block_count) {
+        block rows = session->blocks[session->part];
+        /* the server stores 8 bytes for each */
+        size_t most = rows.columns ? PART_BYTES / (8 * rows.columns) : rows.rows;
+        size_t left = rows.rows - session->part_row;
+        request part = mmi_session_request(session, "UPLOAD", "UPLOADED");
+        mmi_add_text(&part, "item", rows.item);
+        mmi_add_text(&part, "name", rows.name);
+        mmi_add_text(&part, "role", rows.role);
+        block *sent = &part.arrays[0];
+        *sent = rows;
+        sent->item = "rows";
+        sent->rows = left < most ? left : most;
+        sent->data = rows.data ? (const uint8_t *)rows.data + session->part_row * rows.columns * rows.width : NULL;
+        how = mmi_deliver(session, &part, session->context->timeout, &uploaded);
+        if (how == DONE) {
+            session->part_row += sent->rows;
+            if (session->part_row >= rows.rows) {
+                ++session->part;
+                session->part_row = 0;
+            }
+        }
+        mmi_free_answer(&uploaded);
+    }
+    return how;
 }
 
-outcome mmi_check_shape(mm_session *session, size_t first, size_t second)
+static outcome upload_and_build(mm_session *session)
 {
-    return first != MMI_OTHER_SHAPE && second != MMI_OTHER_SHAPE
-               ? DONE
-               : mmi_fail(session->context, "INVALID_ARGUMENT.SHAPE",
-                          "arrays are (dimension, nodes), and of several vectors (dimension, vectors, nodes)",
-                          "the first dimension of each array must be %d, and the number of vectors one for all",
-                          session->dimension);
+    answer built = {0};
+    outcome how = DONE;
+    for (int is_asked = 1; how == DONE && is_asked;) { /* for more cells near moving walls (SPEC 23.2) */
+        mmi_free_answer(&built);
+        how = upload(session);
+        if (how == DONE) {
+            request ask_build = mmi_session_request(session, "BUILD", "BUILT");
+            if (session->evaluates) {
+                mmi_add_number(&ask_build, "reach", session->reach);
+            }
+            how = mmi_deliver(session, &ask_build, session->context->compute_timeout, &built);
+        }
+        double reach = how == DONE ? mm_report_number(&built.reply.report, "reach") : 0.0;
+        is_asked = reach > 0.0;
+        if (is_asked) {
+            session->reach = reach;
+            how = mmi_add_near_cells(session, &built);
+        }
+    }
+    if (how == DONE) {
+        how = take_moving_nodes(session, &built);
+    }
+    if (how == DONE) {
+        session->step = session->durable_step = session->iteration = 0;
+        session->may_resume = session->partitions == 1;
+        mmi_free_blocks(session); /* from now on the caller may free the arrays */
+        snprintf(session->state, sizeof session->state, "READY");
+        mmi_keep_report(&session->built, &built);
+    }
+    mmi_free_answer(&built);
+    return how;
+}
+
+/* Discard a session whose mesh was refused. The error of the call stays that of the refusal. */
+static void discard_quietly(mm_session *session)
+{
+    mm_context *context = session->context;
+    mm_result error = context->error;
+    problem kept = context->problem;
+    answer closed = {0};
+    request close = mmi_session_request(session, "CLOSE", "CLOSED");
+    mmi_add_text(&close, "outcome", "discard");
+    context->problem.details = (mm_report){0};
+    mmi_deliver(session, &close, PROBE_SECONDS, &closed);
+    mmi_free_answer(&closed);
+    mmi_disconnect(&session->data);
+    session->joined = 0;
+    mm_clear_error(context);
+    context->error = error;
+    context->problem = kept;
+}
+
+mm_result mm_build(mm_session *session)
+{
+    BEGIN_SESSION(session);
+    mm_context *context = session->context;
+    if (mmi_check_joined(session) == DONE && session->moving) {
+        /* checked here, not by the server: a refused session is discarded below, but this session is in use */
+        mmi_fail(context, "FAILED_PRECONDITION.STATE", "make another session for another mesh",
+                 "the session is built already");
+    }
+    if (context->error || mmi_check_mesh(session) != DONE) {
+        return context->error;
+    }
+    outcome how = FAILED;
+    if (session->evaluates && (mmi_make_volume(session) != DONE || mmi_gather_blocks(session) != DONE)) {
+        return context->error;
+    }
+    for (int attempt = 1;; ++attempt) {
+        how = upload_and_build(session);
+        /* SPEC 11.6: a session that was not built is lost with its worker, so another one is opened */
+        int is_gone = context->error == MM_UNAVAILABLE || context->error == MM_NOT_FOUND;
+        if (!is_gone || session->partitions > 1 || attempt == OPEN_ATTEMPTS) {
+            break;
+        }
+        if (open_patiently(session) != DONE) {
+            break;
+        }
+    }
+    if (how != DONE && session->partitions == 1 && session->joined && !mmi_is_unknown(context)) {
+        discard_quietly(session);
+    }
+    return context->error;
 }
 
 /* --- credentials -------------------------------------------------------------------------------------------------- */

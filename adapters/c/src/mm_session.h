@@ -74,19 +74,7 @@ struct mm_session {
     mm_report entered, built, moved, committed, status; /* entered: JOINED */
 };
 
-/* FAILED unless the session is open. */
-outcome mmi_check_joined(mm_session *session);
-/* So many rows has a Fortran array of another shape. */
-#define MMI_OTHER_SHAPE ((size_t)INT64_MAX)
-/* That neither of two numbers of rows is this one. */
-outcome mmi_check_shape(mm_session *session, size_t first, size_t second);
-/* OPEN and JOIN, repeated while the server cannot answer: a session without an upload costs nothing. */
-outcome mmi_open_patiently(mm_session *session);
-/* Times, velocities, swept faces and the headroom: fields of OPEN and MOVE, and values from MOVED. */
+/* Times and velocities: fields of OPEN, and values from MOVED. */
 void mmi_add_levels(request *open, const mm_session *session);
-void mmi_add_velocity(request *move, const mm_session *session);
 outcome mmi_take_velocity(mm_session *session, const answer *from, size_t nodes);
-/* The moving nodes in a reply. They index the caller's arrays, so each is checked. */
-outcome mmi_take_moving_nodes(mm_session *session, const answer *from);
-
 #endif

@@ -123,30 +123,6 @@ void mmi_add_levels(request *open, const mm_session *session)
     }
 }
 
-void mmi_add_velocity(request *move, const mm_session *session)
-{
-    if (session->has_time) {
-        mmi_add_number(move, "time", session->time);
-    }
-    if (session->scheme[0]) {
-        mmi_add_text(move, "velocity", session->scheme);
-    }
-    int is_headroom = strcmp(session->report, "headroom") == 0 || strcmp(session->report, "faces") == 0;
-    if (is_headroom && session->headroom_along[0]) {
-        mmi_add_text(move, "headroom_along", session->headroom_along);
-    }
-    block *array = &move->arrays[1]; /* behind the displacement */
-    if (session->boundary_velocity && strcmp(session->scheme, "tangent") == 0) {
-        *array = mmi_make_block("boundary_velocity", session->boundary_velocity, session->moving_count,
-                                (size_t)session->dimension, 8);
-        array->is_float = 1;
-        ++array;
-    }
-    if (session->swept_faces && strcmp(session->report, "swept") == 0) {
-        *array = mmi_make_block("swept_faces", session->swept_faces, session->face_count, session->face_corners, 8);
-    }
-}
-
 /* Copy an optional array of a reply. */
 static outcome take(mm_session *session, const answer *from, const char *name, double **to, size_t *rows)
 {

@@ -123,7 +123,6 @@ class Coupling:
         The participants.
     acceleration : Acceleration
         A new one that has not been used.
-    settings : Settings
     folder : path
         Folder of the run. If it has windows, the run continues.
     """

@@ -80,8 +80,6 @@ class Participant:
 
     Parameters
     ----------
-    part : MovingPart
-    settings : RemoteSettings
     restarted : bool
         Whether the run continues from a restart file, and with its session if any.
     warn : callable

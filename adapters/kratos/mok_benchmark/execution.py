@@ -145,7 +145,6 @@ def compute(
     ----------
     folder : Path
         With the meshes, the material and :func:`watch`.
-    case : Case
     mesh_solver : str
         One of ``parameters.MESH_SOLVERS``.
     end_time : float

@@ -30,7 +30,6 @@ def write_picture(
 
     Parameters
     ----------
-    path : Path
     runs : mapping
         Mesh solver → its run, the control first.
     triangles : (m, 3) int array

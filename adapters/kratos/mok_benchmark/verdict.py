@@ -63,7 +63,6 @@ def judged(history: History, points: NDArray[np.float64], triangles: NDArray[np.
 
     Parameters
     ----------
-    history : History
     points : (n, 2) array, m
         The undeformed mesh.
     triangles : (m, 3) int array

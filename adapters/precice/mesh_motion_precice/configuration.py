@@ -48,8 +48,6 @@ class Volume:
 
     Attributes
     ----------
-    mesh : str
-    data : str
     received : bool
         False: the mesh is provided here, a vertex a node. True: the mesh belongs to a solver and is received from it
         with ``api-access="true"``; each of its vertices must lie on a node of the mesh file.
@@ -91,12 +89,10 @@ class Configuration:
         preCICE's own configuration.
     participant : str
         The participant's name there.
-    mesh_file : Path
     patches : dict of str to str
         The role of each patch.
     surfaces : tuple of Surface
         One a moving patch.
-    volume : Volume
     frame : {"reference", "committed"}
         The state from which displacements count, those read and those written: the mesh file's coordinates, or the end
         of the last window.

@@ -68,7 +68,6 @@ class Participant:
         preCICE's participant, not yet initialized.
     mesh : Mesh
         The reference mesh.
-    configuration : Configuration
 
     Raises
     ------

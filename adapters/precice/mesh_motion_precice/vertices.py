@@ -27,7 +27,6 @@ class WetVertices:
 
     Attributes
     ----------
-    surface : Surface
     nodes : (p,) int64 array
         Nodes of the mesh file.
     ids : (p,) int32 array
@@ -60,7 +59,6 @@ class VolumeVertices:
 
     Attributes
     ----------
-    volume : Volume
     nodes : (m,) int64 array
         Nodes of the mesh file.
     ids : (m,) int32 array

@@ -24,7 +24,6 @@ class DenseRBF:
 
     Parameters
     ----------
-    task : Task
     support_radius : float
         R, mesh length unit.
     displacement : {"relative", "absolute"}

@@ -25,7 +25,6 @@ class KratosMover:
 
     Parameters
     ----------
-    task : Task
     solver : {"laplacian", "structural_similarity"}
     """
 

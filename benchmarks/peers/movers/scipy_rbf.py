@@ -18,14 +18,7 @@ __all__ = ["ScipyRBF"]
 
 
 class ScipyRBF:
-    """scipy's interpolation of each step's displacement from the reference mesh.
-
-    Parameters
-    ----------
-    task : Task
-    neighbors : int
-    kernel : str
-    """
+    """scipy's interpolation of each step's displacement from the reference mesh."""
 
     def __init__(self, task: Task, *, neighbors: int = 50, kernel: str = "linear") -> None:
         self.task = task

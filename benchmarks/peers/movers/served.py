@@ -39,7 +39,6 @@ class ServedMover:
 
     Parameters
     ----------
-    task : Task
     iterations : int
         Coupling iterations of each step: Moves from the same committed state, each with another displacement.
     **options

@@ -84,10 +84,8 @@ def write_case(task: Task, case: Path, settings: Settings) -> PolyMesh:
 
     Parameters
     ----------
-    task : Task
     case : Path
         Folder of the case.
-    settings : Settings
     """
     mesh = PolyMesh.from_cells(
         task.points, CellTable.from_arrays(task.cells), {"moving": task.moving, "fixed": task.fixed}

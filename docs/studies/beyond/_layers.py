@@ -49,7 +49,6 @@ class LayerMesh:
     Attributes
     ----------
     points : (n, d) array, mesh length unit
-    cells : CellTable
     patches : dict of name to Patch
     body : (k,) int array
         The moving nodes.

@@ -29,7 +29,6 @@ class Body:
     Attributes
     ----------
     points : (n, d) array
-    cells : CellTable
     body : (k,) int array
     held : (n,) bool array
     sizes : (m,) array

@@ -41,7 +41,6 @@ class QuasiNewton:
         Best quality of the worst cell so far.
     seconds : float
         CPU time, including the functions' values, without the quality.
-    evaluations : int
     trace : list of (float, float)
         Seconds and best minimum at each evaluation of the quality.
     """

@@ -112,7 +112,6 @@ class Sweep:
 
     Attributes
     ----------
-    mesh, motion, correction : str
     radii : tuple of float
         Radii as multiples of their unit.
     values : tuple of float

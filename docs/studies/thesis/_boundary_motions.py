@@ -54,12 +54,9 @@ class MeshMotion:
 
     Attributes
     ----------
-    title : str
-    mesh : StoredMesh
     boundary : (nb,) int64 array
         Nodes with a prescribed displacement, including fixed nodes.
     displacement : (nb, d) array
-    support_radius : float
     """
 
     title: str

@@ -21,12 +21,7 @@ Floats = NDArray[np.float64]
 
 
 class WithPolynomial:
-    """A factorization of a positive definite basis, bordered by the linear polynomial.
-
-    Parameters
-    ----------
-    factorization : AllCentreFactorization
-    """
+    """A factorization of a positive definite basis, bordered by the linear polynomial."""
 
     def __init__(self, factorization: AllCentreFactorization) -> None:
         self.factorization = factorization

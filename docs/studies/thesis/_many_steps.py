@@ -75,7 +75,6 @@ class AccumulatedGradients:
         ----------
         points : (n, d) array, mesh length unit
             Positions of the nodes at the start of the accumulation (:meth:`of_cells`).
-        cells : CellTable
         reference_sizes : (m,) array
         """
         return transformed_quality(points, cells, reference_sizes, self.deformation - np.eye(cells.dimension))
@@ -123,7 +122,6 @@ def predict_many_steps(
         One of :data:`~docs.studies.thesis._predictors.PREDICTORS`; ``"centre-gradient"`` is the thesis'.
     points : (n, d) array, mesh length unit
         Positions before the first step.
-    cells : CellTable
     reference_sizes : (m,) array
         From :func:`~mesh_motion_numerics.quality.metrics.reference_sizes`.
     steps : sequence of DisplacementField

@@ -107,7 +107,6 @@ def predict(
         One of :data:`PREDICTORS`.
     points : (n, d) array, mesh length unit
         Current positions.
-    cells : CellTable
     reference_sizes : (m,) array or CellsAtRest
         From :func:`~mesh_motion_numerics.quality.metrics.reference_sizes` or :func:`.cells_at_rest`.
     field : DisplacementField
@@ -140,7 +139,6 @@ def transformed_quality(
     Parameters
     ----------
     points : (n, d) array, mesh length unit
-    cells : CellTable
     reference_sizes : (m,) array
     gradients : (m, d, d) array
         ∇S of each cell.

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-__all__ = ["Case", "Outcome", "Rows", "Skip", "Suite", "Unmet", "section_order"]
+__all__ = ["Case", "Outcome", "Rows", "Skip", "Suite", "Unmet", "require", "section_order"]
 
 
 Run = Callable[..., None]
@@ -20,7 +20,6 @@ class Unmet(Exception):
 
     Parameters
     ----------
-    expected, got : str
     sent : str
         The request that showed it, readable.
     """
@@ -28,6 +27,12 @@ class Unmet(Exception):
     def __init__(self, expected: str, got: str, sent: str = "") -> None:
         super().__init__(f"expected {expected}, got {got}")
         self.expected, self.got, self.sent = expected, got, sent
+
+
+def require(condition: object, expected: str, got: str) -> None:
+    """Raise :class:`Unmet` unless the condition holds."""
+    if not condition:
+        raise Unmet(expected, got)
 
 
 class Skip(Exception):

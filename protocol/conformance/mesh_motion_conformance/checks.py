@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from mesh_motion_conformance.case import Unmet
+from mesh_motion_conformance.case import Unmet, require
 from mesh_motion_conformance.show import show
 from mesh_motion_conformance.tables import tables
 from mesh_motion_conformance.wire import Message, check_reply
@@ -19,8 +19,7 @@ def check_identity(reply: Message, client: bytes, sequence: int) -> None:
 
 def answered(reply: Message, kind: str) -> Message:
     """Check that the reply is of the given kind, and return it."""
-    if reply.kind != kind:
-        raise Unmet(kind, show(reply))
+    require(reply.kind == kind, kind, show(reply))
     return reply
 
 
@@ -33,14 +32,11 @@ def refused(reply: Message, *codes: str, state: str | None = None) -> Message:
         The required ``state``: the session's state afterwards.
     """
     wanted = " or ".join(codes)
-    if reply.kind != "ERROR":
-        raise Unmet(f"ERROR {wanted}", show(reply))
+    require(reply.kind == "ERROR", f"ERROR {wanted}", show(reply))
     code = reply.fields["code"]
-    if code not in codes and code.partition(".")[0] not in codes:
-        raise Unmet(f"ERROR {wanted}", show(reply))
+    require(code in codes or code.partition(".")[0] in codes, f"ERROR {wanted}", show(reply))
     check_error(reply)
-    if state is not None and reply.fields["state"] != state:
-        raise Unmet(f"state {state!r} in the ERROR", show(reply))
+    require(state is None or reply.fields["state"] == state, f"state {state!r} in the ERROR", show(reply))
     return reply
 
 
@@ -48,11 +44,8 @@ def check_error(reply: Message) -> None:
     """Section 17: a known canonical name, ``retryable`` as the table says, a message and a hint, a state."""
     fields, errors = reply.fields, tables().errors
     code = fields["code"]
-    if code.partition(".")[0] not in errors:
-        raise Unmet("a code that begins with a canonical name of section 17", show(reply))
+    require(code.partition(".")[0] in errors, "a code that begins with a canonical name of section 17", show(reply))
     if code in errors and fields["retryable"] != errors[code]["retryable"]:
         raise Unmet(f"retryable {errors[code]['retryable']} with {code}", show(reply))
-    if not (fields["message"] and fields["hint"]):
-        raise Unmet("an ERROR with a message and a hint", show(reply))
-    if fields["state"] not in ("", *tables().states):
-        raise Unmet("a state of section 8 in the ERROR", show(reply))
+    require(fields["message"] and fields["hint"], "an ERROR with a message and a hint", show(reply))
+    require(fields["state"] in ("", *tables().states), "a state of section 8 in the ERROR", show(reply))

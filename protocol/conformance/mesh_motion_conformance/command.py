@@ -68,7 +68,6 @@ def conform(
 
     Parameters
     ----------
-    subject : Subject
     report : callable
         Takes each line of the report.
     only : sequence of str

@@ -27,7 +27,6 @@ class Line:
 
     Parameters
     ----------
-    endpoint : str
     seconds : float
         The longest wait for a reply.
 

@@ -20,7 +20,6 @@ class Field:
     ----------
     name, kind : str
         ``kind`` is str, bin, int, float, bool, array, map, any or frames.
-    required : bool
     says : dict
         Further contents of the row: ``choices``, ``low``, ``high``, ``exactly``, ``at_most``, ``item``, ``dtypes``,
         ``axes``, ``default``.

@@ -63,8 +63,6 @@ class Message:
     ----------
     kind : str
         ``type`` in the header.
-    client : bytes
-    sequence : int
     fields : dict
     arrays : dict
         By name, widened to 8 bytes an item.

@@ -2,7 +2,6 @@
 
 import shutil
 import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +12,6 @@ from programs import need
 from tests.faults.server_process import ServerProcess
 
 ROOT = Path(__file__).resolve().parents[3]
-sys.path.insert(0, str(ROOT / "tests" / "numerics"))  # box_meshes
 SOURCE = ROOT / "adapters" / "c"
 CLIENT = sorted((SOURCE / "src").glob("*.c"))
 HERE = Path(__file__).parent

@@ -11,15 +11,15 @@ def _on_a_line(draft: Draft) -> None:
 
 
 BAD_METHODS = (
-    unfit("build", "support_radius", basis="gauss"),
-    unfit("build", "support_radius", basis="imqb"),
-    unfit("build", "support_radius", support_radius=1e300),
-    unfit("build", "support_radius", support_radius=1.1e12),
-    unfit("build", "support_radius", "cube", support_radius=1e300),
-    unfit("build", "support_radius", support_radius=1e-300),
-    unfit("build", "support_radius", support_radius=5e-324),
-    unfit("build", "enrichment_radius", enrichment_radius=1e-300),
-    unfit("build", "enrichment_radius", enrichment_radius=1e300),
+    unfit("support_radius", basis="gauss"),
+    unfit("support_radius", basis="imqb"),
+    unfit("support_radius", support_radius=1e300),
+    unfit("support_radius", support_radius=1.1e12),
+    unfit("support_radius", "cube", support_radius=1e300),
+    unfit("support_radius", support_radius=1e-300),
+    unfit("support_radius", support_radius=5e-324),
+    unfit("enrichment_radius", enrichment_radius=1e-300),
+    unfit("enrichment_radius", enrichment_radius=1e300),
     spoilt(
         "a plane spline on a line of nodes",
         "build",
@@ -28,7 +28,7 @@ BAD_METHODS = (
         {"setting": "basis"},
         "basis",
     ),
-    unfit("build", "basis", "line", correction="imposed-gradient", basis="wendland-c0"),
-    unfit("build", "basis", "periodic", basis="tps"),
-    unfit("build", "reduction", "periodic", reduction="greedy"),
+    unfit("basis", "line", correction="imposed-gradient", basis="wendland-c0"),
+    unfit("basis", "periodic", basis="tps"),
+    unfit("reduction", "periodic", reduction="greedy"),
 )

@@ -11,7 +11,7 @@ from tests.faults.inputs.drafts import Draft, Part
 Rng = np.random.Generator
 #: The details that an error must have; a callable checks a value whose last digits may differ.
 Names = Mapping[str, Any]
-Where = Literal["open", "upload", "build", "move"]
+Where = Literal["upload", "build", "move"]
 #: Spoils a draft, or returns the part to be sent as well; a case draws at random which node, row or axis it spoils.
 Spoiler = Callable[[Draft, Rng], "Names | tuple[Part, Names]"]
 
@@ -20,7 +20,7 @@ Spoiler = Callable[[Draft, Rng], "Names | tuple[Part, Names]"]
 class BadInput:
     """One bad input and its expected answer.
 
-    ``where`` ({"open", "upload", "build", "move"}): the request that must be refused; earlier requests are answered as
+    ``where`` ({"upload", "build", "move"}): the request that must be refused; earlier requests are answered as
     in a good session; ``spoil``: changes the good draft, and returns the expected error details. For an upload it
     returns the bad part too, which is sent after the good ones; ``code``: on the wire; ``says``: text that the message
     must contain; ``draft``: name of the good session; ``mended``: for "build": a part is missing; after its upload the
@@ -47,8 +47,8 @@ def spoilt(
     return BadInput(name, where, spoil, code, says, draft)
 
 
-def unfit(where: Where, first: str, draft: str = "square", /, **settings: Any) -> BadInput:
-    """Settings that do not fit together, or not this mesh; the error names the ``first``."""
-    name = f"{draft} at {where} with " + ", ".join(f"{key} = {value}" for key, value in settings.items())
+def unfit(first: str, draft: str = "square", /, **settings: Any) -> BadInput:
+    """Settings that do not fit the mesh; the error names the ``first``."""
+    name = f"{draft} at build with " + ", ".join(f"{key} = {value}" for key, value in settings.items())
     code, names = "INVALID_ARGUMENT.SETTINGS", {"setting": first}
-    return spoilt(name, where, code, lambda spoiled: spoiled.set_settings(**settings), names, first, draft=draft)
+    return spoilt(name, "build", code, lambda spoiled: spoiled.set_settings(**settings), names, first, draft=draft)

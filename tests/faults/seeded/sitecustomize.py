@@ -8,73 +8,93 @@ main module, so faults are put into the modules that it imports.
 # ruff: noqa: PLC0415  (what no fault breaks is not loaded)
 
 import os
+import time
 from collections.abc import Callable
+from importlib import import_module
+from typing import Any
 
-FAULTS: dict[str, Callable[[], None]] = {}
+Seed = Callable[[], None]
 
 
-def fault(seed: Callable[[], None]) -> Callable[[], None]:
-    FAULTS[seed.__name__.replace("_", " ")] = seed
+def put(path: str, value: Any) -> Seed:
+    """Replace ``module:Class.attribute`` of the server by a wrong value."""
+    return around(path, None, value)
+
+
+def around(path: str, wrong: Any, value: Any = None) -> Seed:
+    """As ``put``; the wrong function gets the right one as its first argument."""
+
+    def seed() -> None:
+        module, _, names = path.partition(":")
+        owner: Any = import_module(f"mesh_motion_server.{module}")
+        *owners, name = names.split(".")
+        for part in owners:
+            owner = getattr(owner, part)
+        right = getattr(owner, name, None)
+        setattr(owner, name, value if wrong is None else lambda *given, **named: wrong(right, *given, **named))
+
+    return seed
+
+
+def rights(role: str, request: str, verdict: str) -> Seed:
+    """Give a role other rights, for its own sessions and those of others."""
+
+    def seed() -> None:
+        module = import_module("mesh_motion_server.security.authorisation")
+        module.MATRIX[module.Role[role]][request] = (module.Verdict[verdict], module.Verdict[verdict])
+
+    return seed
+
+
+def reference_state(journal: Any, _model: Any, mesh: Any, *_: Any, **_named: Any) -> Any:
+    return import_module("mesh_motion_server.session.state").CommittedState(journal.ledger.step, mesh.points)
+
+
+GIVEN: list[Any] = []
+KEPT: list[bytes] = []
+FAULTS: dict[str, list[Seed]] = {
+    "a monitor may close": [rights("MONITOR", "CLOSE", "OVERSEE")],
+    "an owner may probe others sessions": [rights("OWNER", "PROBE", "USE")],
+    "an admin may not list": [rights("ADMIN", "LIST", "DENIED")],
+    "statuses show places": [put("service.status:without_places", lambda reply: reply)],
+    "no delay of not found": [put("transport.late_replies:_SECONDS", 0.0)],
+    "a lookup that takes its time after the delay began": [
+        around("transport.registry:Registry.owner", lambda owner, self, session: (
+            found := owner(self, session), time.sleep(0.03 * (found is not None)))[0]),
+        around("transport.control:Control._reply_error", lambda reply, self, *given: (
+            self._later.asked(), reply(self, *given))[1]),
+    ],
+    "an allow list that is read once": [
+        around("security.allow_list:AllowList._look", lambda look, self: None if self._entries else look(self))],
+    "a record without its reply": [
+        around("session.journal.ledger:Commit.as_body", lambda as_body, self: as_body(self) | {"requests": []})],
+    "a worker that is given away twice": [
+        around("transport.supervisor:Supervisor._start_session", lambda start, *given: (
+            GIVEN.append(GIVEN[0] if GIVEN else start(*given)), GIVEN[0])[1])],
+    "a worker that hangs where it fails": [put("service.execution:known_error", lambda error: time.sleep(3600))],
+    "requests that are executed twice": [put("session.journal.replies:ReplyTable.find", lambda *_: None)],
+    "tokens that are not checked": [
+        put("session.spec:StoredSpec.admits", lambda self, token: True),
+        put("transport.registry:Registry.authorised", lambda self, session, token: self.live.get(session)),
+    ],
+    "workers that stay": [
+        put("service.dispatch:SessionHost.closed", property(lambda self: False, lambda self, value: None))],
+    "the reference mesh after a resume": [put("session.session:restore", reference_state)],
+    "a list that grows with each commit": [
+        around("session.session:Session.commit", lambda commit, *given, **further: (
+            KEPT.append(os.urandom(int(os.environ["SEEDED_BYTES"]))), commit(*given, **further))[1])],
+    "a descriptor kept for each join": [
+        around("service.holders:Holders.join", lambda join, *given: (os.dup(0), join(*given))[1])],
+    "replies that are never dropped": [put("session.journal.replies:ReplyTable._shrink", lambda self, newest: None)],
+}  # fmt: skip
+
+
+def fault(seed: Seed) -> Seed:
+    FAULTS[seed.__name__.replace("_", " ")] = [seed]
     return seed
 
 
 # --- authorisation ---
-
-
-@fault
-def a_monitor_may_close() -> None:
-    from mesh_motion_server.security.authorisation import MATRIX, Role, Verdict
-
-    MATRIX[Role.MONITOR]["CLOSE"] = (Verdict.OVERSEE, Verdict.OVERSEE)
-
-
-@fault
-def an_owner_may_probe_others_sessions() -> None:
-    from mesh_motion_server.security.authorisation import MATRIX, Role, Verdict
-
-    MATRIX[Role.OWNER]["PROBE"] = (Verdict.USE, Verdict.USE)
-
-
-@fault
-def an_admin_may_not_list() -> None:
-    from mesh_motion_server.security.authorisation import MATRIX, Role, Verdict
-
-    MATRIX[Role.ADMIN]["LIST"] = (Verdict.DENIED, Verdict.DENIED)
-
-
-@fault
-def statuses_show_places() -> None:
-    from mesh_motion_server.service import status
-
-    status.without_places = lambda reply: reply
-
-
-@fault
-def no_delay_of_not_found() -> None:
-    from mesh_motion_server.transport import late_replies
-
-    late_replies._SECONDS = 0.0
-
-
-@fault
-def a_lookup_that_takes_its_time_after_the_delay_began() -> None:
-    import time
-
-    from mesh_motion_server.transport.control import Control
-    from mesh_motion_server.transport.registry import Registry
-
-    owner, reply_error = Registry.owner, Control._reply_error
-
-    def slow(self, session):
-        found = owner(self, session)
-        time.sleep(0.03 * (found is not None))
-        return found
-
-    def late(self, *given):
-        self._later.asked()
-        reply_error(self, *given)
-
-    Registry.owner, Control._reply_error = slow, late
 
 
 @fault
@@ -95,14 +115,6 @@ def another_hint_where_there_is_a_session() -> None:
         return SessionError(error.message, code="NOT_FOUND", hint="it is not yours") if known else error
 
     control.Control.request, control.not_found = remember, worded
-
-
-@fault
-def an_allow_list_that_is_read_once() -> None:
-    from mesh_motion_server.security.allow_list import AllowList
-
-    look = AllowList._look
-    AllowList._look = lambda self: None if self._entries else look(self)
 
 
 @fault
@@ -158,14 +170,6 @@ def an_epoch_in_memory() -> None:
 
 
 @fault
-def a_record_without_its_reply() -> None:
-    from mesh_motion_server.session.journal.ledger import Commit
-
-    as_body = Commit.as_body
-    Commit.as_body = lambda self: as_body(self) | {"requests": []}
-
-
-@fault
 def an_error_that_is_answered_as_none() -> None:
     from mesh_motion_protocol.errors import DataLoss
 
@@ -182,36 +186,7 @@ def an_error_that_is_answered_as_none() -> None:
     Session._write = careless
 
 
-@fault
-def a_worker_that_is_given_away_twice() -> None:
-    from mesh_motion_server.transport.supervisor import Supervisor
-
-    start, given = Supervisor._start_session, []
-
-    def keep(self, order):
-        given.append(given[0] if given else start(self, order))
-        return given[0]
-
-    Supervisor._start_session = keep
-
-
-@fault
-def a_worker_that_hangs_where_it_fails() -> None:
-    import time
-
-    from mesh_motion_server.service import execution
-
-    execution.known_error = lambda error: time.sleep(3600)
-
-
 # --- network ---
-
-
-@fault
-def requests_that_are_executed_twice() -> None:
-    from mesh_motion_server.session.journal.replies import ReplyTable
-
-    ReplyTable.find = lambda *_: None
 
 
 @fault
@@ -306,69 +281,6 @@ def one_reply_store_for_all_sessions() -> None:
     ReplyTable.find, ReplyTable.store = found, stored
 
 
-@fault
-def tokens_that_are_not_checked() -> None:
-    from mesh_motion_server.session.spec import StoredSpec
-    from mesh_motion_server.transport.registry import Registry
-
-    StoredSpec.admits = lambda self, token: True
-    Registry.authorised = lambda self, session, token: self.live.get(session)
-
-
-@fault
-def workers_that_stay() -> None:
-    from mesh_motion_server.service.dispatch import SessionHost
-
-    SessionHost.closed = property(lambda self: False, lambda self, value: None)
-
-
-@fault
-def the_reference_mesh_after_a_resume() -> None:
-    from mesh_motion_server.session import session
-    from mesh_motion_server.session.state import CommittedState
-
-    session.restore = lambda journal, _model, mesh, *_, **_named: CommittedState(journal.ledger.step, mesh.points)
-
-
-# --- soak ---
-
-
-@fault
-def a_list_that_grows_with_each_commit() -> None:
-    import os
-
-    from mesh_motion_server.session.session import Session
-
-    commit, kept = Session.commit, []
-
-    def keep(self, *given, **further):
-        kept.append(os.urandom(int(os.environ["SEEDED_BYTES"])))
-        return commit(self, *given, **further)
-
-    Session.commit = keep
-
-
-@fault
-def a_descriptor_kept_for_each_join() -> None:
-    import os
-
-    from mesh_motion_server.service.holders import Holders
-
-    join = Holders.join
-
-    def keep(self, *given):
-        os.dup(0)
-        join(self, *given)
-
-    Holders.join = keep
-
-
-@fault
-def replies_that_are_never_dropped() -> None:
-    from mesh_motion_server.session.journal.replies import ReplyTable
-
-    ReplyTable._shrink = lambda self, newest: None
-
-
 for name in filter(None, os.environ.get("SEEDED_FAULTS", "").split(",")):
-    FAULTS[name]()
+    for seed in FAULTS[name]:
+        seed()

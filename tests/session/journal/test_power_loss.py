@@ -25,26 +25,9 @@ LONG_SCRIPT = "ccecfcccccocefcc"
 OTHERS = ("replay", "relaxed")
 
 
-def test_no_acknowledged_step_is_lost() -> None:
-    assert explore(SCRIPT, Random(1)) > 500
-
-
 def test_no_step_is_lost_whose_state_a_thread_writes(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(journal_module, "_LARGE_STATE", 0)
     assert explore(SCRIPT, Random(1)) > 500
-    assert fail_each(SCRIPT, Random(1)) > 50
-
-
-@pytest.mark.parametrize("level", OTHERS)
-def test_no_promised_step_is_lost(level: str) -> None:
-    assert explore(LONG_SCRIPT, Random(1), level=level) > 300
-    assert fail_each(LONG_SCRIPT, Random(1), level) > 30
-
-
-def test_a_failed_sync_followed_by_a_power_loss() -> None:
-    """Data is read from the page cache after a failed sync, then power is lost: nothing acknowledged later may
-    vanish.
-    """
     assert fail_each(SCRIPT, Random(1)) > 50
 
 

@@ -1,5 +1,5 @@
-"""The page in headless Chromium, as users see it: content, live updates, long runs, a stopped server, keys,
-contrast.
+"""The page in headless Chromium, as users see it: content, live updates, long runs, a stopped server, keys, contrast;
+answers that fail or come late, many tabs, a page in the background.
 """
 
 import fcntl
@@ -111,15 +111,6 @@ return m.chosen;
     assert tab.run(chosen) == "f" * 32
 
 
-@pytest.mark.nightly
-def test_chart_fonts_have_whole_pixels(tab: Browser, server: ServerProcess) -> None:
-    """uPlot takes the first digits of a font for its size, and made 22.5px of 11.5px with two pixels to one."""
-    show(tab, server, SHORT, mesh=False)
-    fonts = "return monitor.history.charts.flatMap((c) => c.plotOptions().axes.map((a) => parseFloat(a.font)))"
-    assert all(float(size).is_integer() for size in tab.run(fonts))
-    assert tab.texts("#quality .chart-legend .value") != []
-
-
 def test_a_server_that_is_gone_is_reported_and_its_return_too(tab: Browser, server: ServerProcess) -> None:
     show(tab, server, SHORT)
     server.stop()
@@ -199,6 +190,111 @@ def test_places_of_worst_cells_are_in_sight_on_a_phone(tab: Browser, server: Ser
 def test_axe_is_there_to_be_asked() -> None:
     if not chromium.AXE.exists():
         pytest.skip("axe-core is not there (`python tools/fetch_vendor.py --tests` fetches it)")
+
+
+#: Answers about meshes are held back until ``release()`` is called; then the next one is asked for at once.
+HELD = """
+const asked = globalThis.fetch;
+const gate = new Promise((open) => (globalThis.release = open));
+globalThis.fetch = async (path, options) => {
+  const reply = await asked(path, options);
+  if (path.includes('/mesh')) {
+    globalThis.held = (globalThis.held ?? 0) + 1;
+    await gate;
+  }
+  return reply;
+};
+const m = globalThis.monitor.mesh;
+m.goOn();
+m.stale = true;
+m.refresh();
+"""
+
+
+@pytest.mark.nightly
+def test_a_look_elsewhere_while_the_mesh_comes_does_not_break_it(tab: Browser, server: ServerProcess) -> None:
+    show(tab, server, SHORT)
+    tab.run(HELD)
+    tab.wait(lambda: tab.run("return globalThis.held"), "the mesh is asked for")
+    for other in (THIRD, SHORT):
+        tab.run("globalThis.monitor.choose(arguments[0])", other)
+        tab.wait(lambda other=other: tab.run("return globalThis.monitor.mesh.session.session") == other, "it is chosen")
+    tab.run("globalThis.release()")
+    tab.wait(lambda: not tab.run("return globalThis.monitor.mesh.picture.hidden"), "the mesh is there")
+    assert tab.text("#mesh-note") == ""
+
+
+#: The first answer about something is an error.
+FAILING = """
+const [kind] = arguments;
+const asked = globalThis.fetch;
+let failed = false;
+globalThis.fetch = async (path, options) => {
+  if (failed || !path.includes(kind)) return asked(path, options);
+  failed = true;
+  return new Response('{"message": "too many requests at a time"}', { status: 503 });
+};
+"""
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize(("kind", "where"), [("/series", "#trouble"), ("/mesh", "#mesh-note")])
+def test_a_failed_request_of_the_page_is_repeated(tab: Browser, server: ServerProcess, kind: str, where: str) -> None:
+    show(tab, server, SHORT)
+    tab.run(FAILING, kind)
+    tab.run("globalThis.monitor.choose(arguments[0])", THIRD)
+    tab.wait(lambda: "too many requests" in tab.text(where), "it is shown")
+    shown = "const m = globalThis.monitor; return m.history.columns.step.length === 40 && !m.mesh.picture.hidden"
+    tab.wait(lambda: tab.run(shown), "charts and mesh come later")
+    tab.wait(lambda: "too many requests" not in tab.text(where), "nothing is wrong any more")
+
+
+@pytest.mark.nightly
+def test_more_tabs_than_a_browser_has_lines_are_all_filled(tab: Browser, server: ServerProcess) -> None:
+    first = tab.driver.current_window_handle
+    try:
+        for _ in range(7):
+            tab.driver.switch_to.new_window("tab")
+            show(tab, server, SHORT, mesh=False)
+        tab.driver.switch_to.window(first)
+        show(tab, server, THIRD)
+    finally:
+        for handle in set(tab.driver.window_handles) - {first}:
+            tab.driver.switch_to.window(handle)
+            tab.driver.close()
+        tab.driver.switch_to.window(first)
+
+
+#: Whether the page is in the background.
+HIDDEN = """
+Object.defineProperty(document, 'hidden', { configurable: true, get: () => globalThis.behind });
+globalThis.turn = (behind) => {
+  globalThis.behind = behind;
+  document.dispatchEvent(new Event('visibilitychange'));
+};
+"""
+
+
+@pytest.mark.nightly
+def test_a_page_in_the_background_asks_nothing(tab: Browser, server: ServerProcess) -> None:
+    show(tab, server, SHORT)
+    tab.run(HIDDEN)
+    tab.run("globalThis.turn(true)")
+    tab.wait(lambda: not tab.run("return globalThis.monitor.live.asking"), "the last question is answered")
+    last = tab.run("return globalThis.monitor.live.last")
+    time.sleep(2.0)
+    assert tab.run("return globalThis.monitor.live.last") == last
+    tab.run("globalThis.turn(false)")
+    tab.wait(lambda: tab.run("return globalThis.monitor.live.last") > last, "it asks again")
+    assert tab.text("#gone") == ""
+
+
+@pytest.mark.nightly
+def test_a_server_that_refuses_the_list_is_reported_with_its_reason(tab: Browser, server: ServerProcess) -> None:
+    show(tab, server, SHORT)
+    tab.run(FAILING, "api/sessions")
+    tab.wait(lambda: "refuses this page: too many requests" in tab.text("#gone"), "the reason is shown")
+    tab.wait(lambda: tab.text("#gone") == "", "nothing is wrong any more")
 
 
 #: Texts whose contrast with what is behind them is below WCAG's AA.

@@ -33,7 +33,6 @@ def bounded_quality(
         Summed corner determinants of the reference mesh.
     group : (m,) array
         Group of each cell.
-    groups : Groups
     coefficients : (g, d, c) array
         Taylor coefficients about the groups' centres.
     remainder : (g,) array

@@ -57,13 +57,7 @@ _SETTLED = ("threshold", "minimum")
 
 @dataclass(frozen=True, eq=False)
 class ExpandableField:
-    """A displacement that is one interpolant, possibly after a rigid motion.
-
-    Attributes
-    ----------
-    interpolant : Interpolant
-    rigid : RigidMotion or None
-    """
+    """A displacement that is one interpolant, possibly after a rigid motion."""
 
     interpolant: Interpolant
     rigid: RigidMotion | None = None
@@ -157,7 +151,6 @@ def predict_sampled(
     ----------
     points : (n, d) array, mesh length unit
         Current positions.
-    cells : CellTable
     reference_sizes : (m,) array or CellsAtRest
         From :func:`~mesh_motion_numerics.quality.metrics.reference_sizes` or :func:`.cells_at_rest`.
     field : ExpandableField or None

@@ -124,8 +124,6 @@ class GridField:
     ----------
     boundary : (nb, d) array, mesh length unit
         Control points; near them the standard field itself is evaluated.
-    grid : CartesianGrid
-    standard : callable
     """
 
     boundary: Floats

@@ -53,7 +53,6 @@ class BoxField:
         Depth below the surface beyond which nothing is faded out.
     inner : callable
         The interpolated field inside.
-    control_points : int
     """
 
     low: Floats

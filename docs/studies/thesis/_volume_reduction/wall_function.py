@@ -53,8 +53,6 @@ class WallFunctionField:
         Control points that move.
     distance : float, mesh length unit
         D.
-    standard : callable
-    control_points : int
     """
 
     wall: Floats

@@ -32,10 +32,8 @@ class Disturbance:
 
     Attributes
     ----------
-    request : str
     action : str
         A key of :data:`ACTIONS`.
-    nth, times : int
     given : dict
         Parameters of the action.
     """

@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable
 from typing import Any
 
-from mesh_motion_conformance.case import Skip, Unmet
+from mesh_motion_conformance.case import Skip, Unmet, require
 from mesh_motion_conformance.client.scenario import Scenario
 from mesh_motion_conformance.client.scripted_server import ScriptedServer, Seen
 from mesh_motion_conformance.client.scripted_session import ScriptedSession
@@ -95,8 +95,7 @@ def _judge_lines(scenario: Scenario, lines: list[dict[str, Any]]) -> None:
             raise Unmet(f"verb {number}, {line['verb']}, to report {' or '.join(codes) or 'an error'}", str(line)[:300])
         for key, value in scenario.results.get(number, {}).items():
             wanted = _digest() if value == "sha256 of step 1" else value
-            if not _equal(line.get(key), wanted):
-                raise Unmet(f"verb {number}, {line['verb']}: {key} = {wanted}", str(line)[:300])
+            require(_equal(line.get(key), wanted), f"verb {number}, {line['verb']}: {key} = {wanted}", str(line)[:300])
 
 
 def _begins(code: Any, codes: list[str]) -> bool:
@@ -150,8 +149,7 @@ def _judge_ids(seen: list[Seen]) -> None:
 def _judge_counts(scenario: Scenario, session: ScriptedSession, seen: list[Seen]) -> None:
     arrivals = Counter(entry.message.kind for entry in seen)
     for kind, count in scenario.executed.items():
-        if session.executed[kind] != count:
-            raise Unmet(f"{kind} executed {count} times", f"{session.executed[kind]} times")
+        require(session.executed[kind] == count, f"{kind} executed {count} times", f"{session.executed[kind]} times")
     for kind, wanted in scenario.arrivals.items():
         least = int(str(wanted).rstrip("+"))
         if arrivals[kind] < least or (not str(wanted).endswith("+") and arrivals[kind] != least):
@@ -166,5 +164,4 @@ def _judge_counts(scenario: Scenario, session: ScriptedSession, seen: list[Seen]
     for kind, fields in scenario.sent.items():
         for entry in seen:
             found = {name: entry.message.fields.get(name) for name in fields}
-            if entry.message.kind == kind and found != fields:
-                raise Unmet(f"{kind} with {fields}", show(entry.message))
+            require(entry.message.kind != kind or found == fields, f"{kind} with {fields}", show(entry.message))

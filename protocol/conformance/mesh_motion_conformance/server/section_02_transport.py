@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 
-from mesh_motion_conformance.case import Rows, Suite, Unmet
+from mesh_motion_conformance.case import Rows, Suite, Unmet, require
 from mesh_motion_conformance.checks import answered, check_identity, refused
 from mesh_motion_conformance.line import Ended, Line, Silence
 from mesh_motion_conformance.server.requests import Request
@@ -23,8 +23,7 @@ suite = Suite()
 def no_delimiter_frame(stage: Stage) -> None:
     """The first frame of a reply is frame 0: there is no empty delimiter."""
     reply = answered(stage.ask(Request("PING")), "PONG")
-    if len(reply.frames) != 1:
-        raise Unmet("PONG in one frame", f"{len(reply.frames)} frames")
+    require(len(reply.frames) == 1, "PONG in one frame", f"{len(reply.frames)} frames")
 
 
 @suite("2.1")
@@ -177,5 +176,4 @@ def garbage_is_answered(stage: Stage) -> None:
     for size in (1, 17, 256, 4096):
         stage.put(line, [b"\xc1" + os.urandom(size)])
         reply = refused(line.receive(), "INVALID_ARGUMENT.HEADER")
-        if reply.sequence != 0:
-            raise Unmet("sequence 0 in the reply to a request whose number was not readable", show(reply))
+        require(reply.sequence == 0, "sequence 0 in the reply to a request whose number was not readable", show(reply))

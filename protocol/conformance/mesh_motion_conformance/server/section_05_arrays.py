@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from mesh_motion_conformance.case import Case, Skip, Suite, Unmet
+from mesh_motion_conformance.case import Case, Skip, Suite, Unmet, require
 from mesh_motion_conformance.checks import answered, refused
 from mesh_motion_conformance.server.requests import Header, Request
 from mesh_motion_conformance.server.session import Session
@@ -129,11 +129,9 @@ def _same_content(request: Request, other: Request, session: Session) -> None:
     """The two forms under one request id are one request."""
     number = session.lines[0].next()
     first = session.ask(request, sequence=number)
-    if first.kind == "ERROR":
-        raise Unmet("the request executed", show(first))
+    require(first.kind != "ERROR", "the request executed", show(first))
     again = session.ask(other, sequence=number)
-    if again.frames != first.frames:
-        raise Unmet(f"the stored reply {show(first)}", show(again))
+    require(again.frames == first.frames, f"the stored reply {show(first)}", show(again))
 
 
 @suite("5.1")
@@ -198,8 +196,7 @@ def array_without_bytes_has_no_frame(stage: Stage) -> None:
     session = stage.session("OPENING")
     before = answered(session.ask(_nodes(session)), "UPLOADED").fields["rows_total"]
     reply = answered(session.ask(_nodes(session).carrying(rows=np.empty((0, 2)))), "UPLOADED")
-    if reply.fields["rows_total"] != before:
-        raise Unmet(f"rows_total {before}, as before", show(reply))
+    require(reply.fields["rows_total"] == before, f"rows_total {before}, as before", show(reply))
 
 
 @suite("5.3")
@@ -234,8 +231,7 @@ def two_chunks(stage: Stage) -> None:
     if stage.limits()["max_session_bytes"] < 1 << 26:
         raise Skip("this server takes no upload of more than a chunk")
     reply, rows = _put_large(stage, lambda raw: [raw[:CHUNK_BYTES], raw[CHUNK_BYTES:]])
-    if answered(reply, "UPLOADED").fields["rows_total"] != rows:
-        raise Unmet(f"rows_total {rows}", show(reply))
+    require(answered(reply, "UPLOADED").fields["rows_total"] == rows, f"rows_total {rows}", show(reply))
 
 
 @suite("5.3")
@@ -323,5 +319,4 @@ def non_finite(stage: Stage, kind: str, value: float, dtype: str) -> None:
     bad = rows.astype(dtype)
     bad[1, 1] = value
     reply = refused(session.ask(request.carrying(**{name: bad})), _NONFINITE, state=_STATE[kind])
-    if not {"node", "row"} & set(reply.fields["details"]):
-        raise Unmet("details that name the node or the row", show(reply))
+    require({"node", "row"} & set(reply.fields["details"]), "details that name the node or the row", show(reply))

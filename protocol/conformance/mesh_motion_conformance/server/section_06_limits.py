@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mesh_motion_conformance.case import Skip, Suite, Unmet
+from mesh_motion_conformance.case import Skip, Suite, Unmet, require
 from mesh_motion_conformance.checks import answered, refused
 from mesh_motion_conformance.server.requests import Request
 from mesh_motion_conformance.server.stage import Stage
@@ -21,8 +21,7 @@ suite = Suite()
 def announced(stage: Stage, name: str) -> None:
     """WELCOME carries all limits, those of the protocol with its values."""
     limits, row = stage.limits(), tables().limits[name]
-    if name not in limits:
-        raise Unmet(f"{name} in WELCOME's limits", ", ".join(sorted(limits)))
+    require(name in limits, f"{name} in WELCOME's limits", ", ".join(sorted(limits)))
     if row["protocol"] and limits[name] != row["value"]:
         raise Unmet(f"{name} = {row['value']}, set by the protocol", str(limits[name]))
     if limits[name] <= 0:
@@ -97,8 +96,7 @@ def more_replies_than_stored(stage: Stage) -> None:
     replies = [answered(session.ask(request, sequence=number), "UPLOADED") for number in numbers]
     for reply in replies[2:]:
         again = session.ask(request, sequence=reply.sequence)
-        if again.frames != reply.frames:
-            raise Unmet(f"the stored reply to {reply.sequence} of {numbers}", show(again))
+        require(again.frames == reply.frames, f"the stored reply to {reply.sequence} of {numbers}", show(again))
     refused(session.ask(request, sequence=numbers[0]), "ABORTED.STALE")
 
 

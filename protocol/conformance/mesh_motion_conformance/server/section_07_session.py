@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from mesh_motion_conformance.case import Suite, Unmet
+from mesh_motion_conformance.case import Suite, Unmet, require
 from mesh_motion_conformance.checks import answered, refused
 from mesh_motion_conformance.server.requests import Request
 from mesh_motion_conformance.server.session import Session
@@ -86,8 +86,7 @@ def rollback_leaves_no_trace(stage: Stage) -> None:
     session.do("ROLLBACK")
     again = _move(session)
     _bitwise(again.arrays["displacement"], first.arrays["displacement"], "the displacement before the ROLLBACK")
-    if again.fields["iteration"] != 1:
-        raise Unmet("iteration 1 after a ROLLBACK", show(again))
+    require(again.fields["iteration"] == 1, "iteration 1 after a ROLLBACK", show(again))
 
 
 @suite("7.1")
@@ -108,8 +107,7 @@ def iterations_are_counted(stage: Stage) -> None:
     got = [_move(session).fields["iteration"] for _ in range(3)]
     session.do("COMMIT")
     got.append(_move(session).fields["iteration"])
-    if got != [1, 2, 3, 1]:
-        raise Unmet("iterations 1, 2, 3, and 1 after the COMMIT", str(got))
+    require(got == [1, 2, 3, 1], "iterations 1, 2, 3, and 1 after the COMMIT", str(got))
 
 
 def _move_with_nan(session: Session) -> Request:
@@ -139,8 +137,7 @@ def refusals_without_effect(stage: Stage, make: Callable[[Session], Request]) ->
     refused(session.ask(make(session)), "INVALID_ARGUMENT", "FAILED_PRECONDITION", state="TRIAL")
     after = session.status()
     for name in ("state", "step", "iteration"):
-        if after[name] != before[name]:
-            raise Unmet(f"{name} {before[name]}, as before", str(after[name]))
+        require(after[name] == before[name], f"{name} {before[name]}, as before", str(after[name]))
     _bitwise(_points(session), points, "the committed coordinates of before")
 
 
@@ -217,5 +214,4 @@ def steps_reported(stage: Stage, kind: str, state: str, offset: int, fields: dic
         session.reach(state)
     before = session.step
     reply = session.do(session.request(kind).having(**fields))
-    if reply.fields["step"] != before + offset:
-        raise Unmet(f"step {before + offset}", show(reply))
+    require(reply.fields["step"] == before + offset, f"step {before + offset}", show(reply))

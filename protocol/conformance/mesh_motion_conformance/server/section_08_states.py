@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 
-from mesh_motion_conformance.case import Rows, Skip, Suite, Unmet
+from mesh_motion_conformance.case import Rows, Skip, Suite, Unmet, require
 from mesh_motion_conformance.checks import answered, refused
 from mesh_motion_conformance.line import Ended, Silence
 from mesh_motion_conformance.server.session import Session
@@ -52,8 +52,7 @@ def cell(stage: Stage, state: str, kind: str, after: str) -> None:
         session.do(kind)
     found = session.status()["state"]
     wanted = state if after == _REFUSAL else after
-    if found != wanted:
-        raise Unmet(f"state {wanted} after {kind}", f"state {found}")
+    require(found == wanted, f"state {wanted} after {kind}", f"state {found}")
 
 
 @suite("8", {f"{state}-CLOSE": (state,) for state in _REACHED})
@@ -62,8 +61,7 @@ def closing(stage: Stage, state: str) -> None:
     session = stage.session(state, "closing" if state in ("READY", "TRIAL") else "shared")
     step = session.step
     closed = session.do("CLOSE")
-    if closed.fields["step"] != step:
-        raise Unmet(f"step {step}", show(closed))
+    require(closed.fields["step"] == step, f"step {step}", show(closed))
     _is_over(session)
     if state in ("READY", "TRIAL"):
         resumed = session.resume()
@@ -163,8 +161,7 @@ def SUSPENDED_JOIN(stage: Stage) -> None:
     session = _suspended(stage, "READY")
     refused(session.ask("STATUS"), "UNAUTHENTICATED", state="SUSPENDED")
     joined = session.do("JOIN")
-    if joined.fields["state"] != "READY":
-        raise Unmet("state READY", show(joined))
+    require(joined.fields["state"] == "READY", "state READY", show(joined))
 
 
 @suite("8")
@@ -182,8 +179,7 @@ def SUSPENDED_RESUME(stage: Stage) -> None:
     """SUSPENDED: RESUME leads to READY."""
     session = _suspended(stage, "READY")
     resumed = session.resume()
-    if resumed.fields["state"] != "READY":
-        raise Unmet("state READY", show(resumed))
+    require(resumed.fields["state"] == "READY", "state READY", show(resumed))
     session.join()
     session.do("MOVE")
 
@@ -204,8 +200,7 @@ def lease_holds_while_a_connection_is_open(stage: Stage) -> None:
     session = stage.session("TRIAL", "leased")
     time.sleep(1.6 * lease)
     state = answered(session.ask("STATUS"), "STATUS_REPORT").fields["state"]
-    if state != "TRIAL":
-        raise Unmet("state TRIAL", f"state {state}")
+    require(state == "TRIAL", "state TRIAL", f"state {state}")
 
 
 @suite("7", lambda: {f"{kind}-before-JOIN": (kind,) for kind in tables().data if kind not in ("PING", "JOIN")})

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from mesh_motion_conformance.case import Case, Skip, Suite, Unmet
+from mesh_motion_conformance.case import Case, Skip, Suite, Unmet, require
 from mesh_motion_conformance.checks import answered, refused
 from mesh_motion_conformance.line import Silence
 from mesh_motion_conformance.server.mesh import HALVES, SQUARE, Part
@@ -56,8 +56,7 @@ def _ask(session: Session, request: Request, partition: int) -> int:
 
 def _receive(session: Session, partition: int, number: int) -> Message:
     reply = session.lines[partition].receive(session.stage.opening_seconds)
-    if reply.sequence != number:
-        raise Unmet(f"the reply to request {number}", show(reply))
+    require(reply.sequence == number, f"the reply to request {number}", show(reply))
     return reply
 
 
@@ -114,8 +113,7 @@ def collective(stage: Stage, kind: str) -> None:
     number = _ask(session, session.request(kind, 1), 1)
     _silent(session, 1)
     waiting = session.status()["waiting_for"]
-    if waiting != [0]:
-        raise Unmet("waiting_for [0]", str(waiting))
+    require(waiting == [0], "waiting_for [0]", str(waiting))
     other = _ask(session, session.request(kind, 0), 0)
     replies = [_receive(session, 1, number), _receive(session, 0, other)]
     kinds = {reply.kind for reply in replies}
@@ -281,21 +279,15 @@ def waiting_request_with_another_content(stage: Stage) -> None:
 def division_does_not_show(stage: Stage) -> None:
     """The result does not depend on how the mesh is divided: the digest is that of the undivided mesh."""
     pair, whole = _built(stage.open(*HALVES)), stage.open(SQUARE)
-    try:
-        whole.reach("READY")
-        for _ in range(2):
-            _all(pair.together("MOVE"), "MOVED")
-            digests = {reply.fields["digest"] for reply in _all(pair.together("COMMIT"), "COMMITTED")}
-            pair.step += 1
-            whole.do("MOVE")
-            digests.add(whole.do("COMMIT").fields["digest"])
-            if len(digests) != 1:
-                raise Unmet(
-                    "one digest of both partitions and of the undivided mesh", str([d.hex()[:12] for d in digests])
-                )
-    finally:
-        pair.discard()
-        whole.discard()
+    whole.reach("READY")
+    for _ in range(2):
+        _all(pair.together("MOVE"), "MOVED")
+        digests = {reply.fields["digest"] for reply in _all(pair.together("COMMIT"), "COMMITTED")}
+        pair.step += 1
+        whole.do("MOVE")
+        digests.add(whole.do("COMMIT").fields["digest"])
+        if len(digests) != 1:
+            raise Unmet("one digest of both partitions and of the undivided mesh", str([d.hex()[:12] for d in digests]))
 
 
 @suite("11.5")
@@ -308,8 +300,7 @@ def one_resumes_all_join(stage: Stage) -> None:
     if (probed.fields["worker"], probed.fields["epoch"]) != ("alive", before + 1):
         raise Unmet(f"an alive worker of epoch {before + 1}", show(probed))
     for joined in session.join():
-        if joined.fields["state"] != "READY":
-            raise Unmet("state READY", show(joined))
+        require(joined.fields["state"] == "READY", "state READY", show(joined))
     _all(session.together("MOVE"), "MOVED")
 
 
@@ -320,12 +311,9 @@ def meshes_that_do_not_fit() -> Iterator[Case]:
     def run(second: Part, *codes: str) -> Callable[[Stage], None]:
         def unfit(stage: Stage) -> None:
             session = stage.open(HALVES[0], second)
-            try:
-                session.upload()
-                for reply in session.together("BUILD"):
-                    refused(reply, *codes, state="OPENING")
-            finally:
-                session.discard()
+            session.upload()
+            for reply in session.together("BUILD"):
+                refused(reply, *codes, state="OPENING")
 
         return unfit
 

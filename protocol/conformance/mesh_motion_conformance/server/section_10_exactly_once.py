@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from mesh_motion_conformance.case import Suite, Unmet
+from mesh_motion_conformance.case import Suite, Unmet, require
 from mesh_motion_conformance.checks import answered, refused
 from mesh_motion_conformance.server.requests import Request
 from mesh_motion_conformance.server.session import Session
@@ -24,14 +24,12 @@ def _twice(session: Session, request: Request) -> tuple[int, Message, Message]:
     """Number and replies of a request that is sent twice."""
     number = session.lines[0].next()
     first = session.ask(request, sequence=number)
-    if first.kind == "ERROR":
-        raise Unmet(f"the reply to {request.kind}", show(first))
+    require(first.kind != "ERROR", f"the reply to {request.kind}", show(first))
     return number, first, session.ask(request, sequence=number)
 
 
 def _stored(again: Message, first: Message) -> None:
-    if again.frames != first.frames:
-        raise Unmet(f"the stored reply, {show(first)}", show(again))
+    require(again.frames == first.frames, f"the stored reply, {show(first)}", show(again))
 
 
 @suite("10.1", {f"repeat-of-{kind}": (kind,) for kind in _STATE})
@@ -64,12 +62,9 @@ def executed_once(stage: Stage, kind: str, state: str, seen: Callable[[Session],
 def repeat_of_BUILD(stage: Stage) -> None:
     """The repeat of a BUILD gets the stored BUILT."""
     session = stage.open()
-    try:
-        session.upload()
-        _, first, again = _twice(session, session.request("BUILD"))
-        _stored(again, first)
-    finally:
-        session.discard()
+    session.upload()
+    _, first, again = _twice(session, session.request("BUILD"))
+    _stored(again, first)
 
 
 @suite("10.1")
@@ -118,8 +113,7 @@ def other_content(stage: Stage, kind: str, change: Callable[[Session, Request], 
     request = session.request(kind)
     number = session.lines[0].next()
     first = session.ask(request, sequence=number)
-    if first.kind == "ERROR":
-        raise Unmet(f"the reply to {kind}", show(first))
+    require(first.kind != "ERROR", f"the reply to {kind}", show(first))
     refused(session.ask(change(session, request), sequence=number), "ABORTED.CONFLICT")
     _stored(session.ask(request, sequence=number), first)
 
@@ -177,8 +171,7 @@ def ids_of_two_clients(stage: Stage) -> None:
     answered(session.ask("MOVE", sequence=number), "MOVED")
     other = session.request("MOVE").carrying(displacement=session.rows(size=0.02))
     reply = answered(session.ask(other, sequence=number, client=bytes(range(16))), "MOVED")
-    if reply.fields["iteration"] != 2:
-        raise Unmet("iteration 2", show(reply))
+    require(reply.fields["iteration"] == 2, "iteration 2", show(reply))
 
 
 def _after_the_worker(session: Session, kind: str) -> tuple[Message, Message]:
@@ -260,5 +253,4 @@ def again(stage: Stage, kind: str) -> None:
     before = session.ask("STATUS", sequence=number).fields["state"]
     answered(session.ask("MOVE", sequence=number), "MOVED")
     after = session.ask("STATUS", sequence=number).fields["state"]
-    if (before, after) != ("READY", "TRIAL"):
-        raise Unmet("STATUS of the moment, READY and then TRIAL", f"{before}, {after}")
+    require((before, after) == ("READY", "TRIAL"), "STATUS of the moment, READY and then TRIAL", f"{before}, {after}")

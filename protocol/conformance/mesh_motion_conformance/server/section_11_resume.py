@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from mesh_motion_conformance.case import Suite, Unmet
+from mesh_motion_conformance.case import Suite, Unmet, require
 from mesh_motion_conformance.checks import answered, refused
 from mesh_motion_conformance.server.requests import Request
 from mesh_motion_conformance.server.session import Session
@@ -27,8 +27,7 @@ def PROBE_of_a_live_session(stage: Stage) -> None:
     session = stage.session("READY")
     found = _probe(stage, session)
     wanted = {"session": session.id, "worker": "alive", "epoch": session.epoch, "endpoint": session.endpoint}
-    if {name: found.get(name) for name in wanted} != wanted:
-        raise Unmet(str(wanted), str(found))
+    require({name: found.get(name) for name in wanted} == wanted, str(wanted), str(found))
 
 
 @suite("11.1")
@@ -49,8 +48,7 @@ def connecting_again(stage: Stage) -> None:
     session = stage.session("TRIAL")
     session.lines[0].close()
     joined = session.join()[0]
-    if (joined.fields["state"], joined.fields["iteration"]) != ("TRIAL", 1):
-        raise Unmet("TRIAL at iteration 1", show(joined))
+    require((joined.fields["state"], joined.fields["iteration"]) == ("TRIAL", 1), "TRIAL at iteration 1", show(joined))
     session.do("COMMIT")
 
 
@@ -64,8 +62,7 @@ def connection_cut_while_a_move_is_computed(stage: Stage) -> None:
     line.close()
     session.join()
     reply = answered(session.ask(request, sequence=number, client=line.client), "MOVED")
-    if reply.fields["iteration"] != 1 or session.status()["iteration"] != 1:
-        raise Unmet("iteration 1", show(reply))
+    require(reply.fields["iteration"] == 1 and session.status()["iteration"] == 1, "iteration 1", show(reply))
 
 
 @suite("11.1")
@@ -87,8 +84,7 @@ def RESUME_raises_the_epoch(stage: Stage) -> None:
     before = session.epoch
     for more in (1, 2, 3):
         resumed = session.resume()
-        if resumed.fields["epoch"] != before + more:
-            raise Unmet(f"epoch {before + more}", show(resumed))
+        require(resumed.fields["epoch"] == before + more, f"epoch {before + more}", show(resumed))
         if (resumed.fields["session"], resumed.fields["state"]) != (session.id, "READY"):
             raise Unmet(f"session {session.id} in state READY", show(resumed))
     session.join()
@@ -123,8 +119,7 @@ def RESUMED_says_the_last_step(stage: Stage) -> None:
     session.do("COMMIT")
     step = session.step
     resumed = session.resume()
-    if (resumed.fields["step"], resumed.fields["state"]) != (step, "READY"):
-        raise Unmet(f"step {step}, READY", show(resumed))
+    require((resumed.fields["step"], resumed.fields["state"]) == (step, "READY"), f"step {step}, READY", show(resumed))
     session.join()
 
 

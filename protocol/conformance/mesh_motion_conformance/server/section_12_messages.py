@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from mesh_motion_conformance.case import Case, Rows, Suite, Unmet
+from mesh_motion_conformance.case import Case, Rows, Suite, Unmet, require
 from mesh_motion_conformance.checks import answered, refused
 from mesh_motion_conformance.server.requests import Request
 from mesh_motion_conformance.server.stage import Stage
@@ -213,8 +213,7 @@ def LISTED_in_the_order_of_ids(stage: Stage) -> None:
     if ids[0] in [entry["session"] for entry in behind] or len(behind) != min(len(ids) - 1, len(behind)):
         raise Unmet(f"the sessions behind {ids[0]}", str(behind))
     last = answered(stage.ask(Request("LIST", {"after": "g"})), "LISTED").fields["sessions"]
-    if last:
-        raise Unmet("no sessions behind the last id", str(last))
+    require(not last, "no sessions behind the last id", str(last))
 
 
 @suite("2.3")

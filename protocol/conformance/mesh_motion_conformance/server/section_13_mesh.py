@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from mesh_motion_conformance.case import Suite, Unmet
+from mesh_motion_conformance.case import Suite, Unmet, require
 from mesh_motion_conformance.checks import answered, refused
 from mesh_motion_conformance.server.mesh import SQUARE, Part, Side
 from mesh_motion_conformance.server.requests import Request
@@ -85,29 +85,22 @@ def what_a_mesh_needs(stage: Stage) -> None:
     session = stage.open()
     mesh = "INVALID_ARGUMENT"
     moving = np.array([[0], [4], [8], [12]], dtype="<i8")
-    try:
-        answered(_upload(session, SQUARE.triangles, item="cells", name="triangle"), "UPLOADED")
-        refused(session.ask("BUILD"), mesh, state="OPENING")
-        answered(_upload(session, SQUARE.points, item="nodes"), "UPLOADED")
-        refused(session.ask("BUILD"), mesh, state="OPENING")
-        answered(_upload(session, moving + 3, item="patch", name="right", role="fixed"), "UPLOADED")
-        refused(session.ask("BUILD"), mesh, state="OPENING")
-        answered(_upload(session, moving, item="patch", name="left", role="moving"), "UPLOADED")
-        session.do("BUILD")
-    finally:
-        session.discard()
+    answered(_upload(session, SQUARE.triangles, item="cells", name="triangle"), "UPLOADED")
+    refused(session.ask("BUILD"), mesh, state="OPENING")
+    answered(_upload(session, SQUARE.points, item="nodes"), "UPLOADED")
+    refused(session.ask("BUILD"), mesh, state="OPENING")
+    answered(_upload(session, moving + 3, item="patch", name="right", role="fixed"), "UPLOADED")
+    refused(session.ask("BUILD"), mesh, state="OPENING")
+    answered(_upload(session, moving, item="patch", name="left", role="moving"), "UPLOADED")
+    session.do("BUILD")
 
 
 def _bad(stage: Stage, part: Part, code: str) -> None:
     """A mesh of this part is refused with the code, and details."""
     session = stage.open(part)
-    try:
-        session.upload()
-        reply = refused(session.ask("BUILD"), code, state="OPENING")
-    finally:
-        session.discard()
-    if not reply.fields["details"]:
-        raise Unmet("details that name the first offender", show(reply))
+    session.upload()
+    reply = refused(session.ask("BUILD"), code, state="OPENING")
+    require(reply.fields["details"], "details that name the first offender", show(reply))
 
 
 @suite("13.3")
@@ -135,11 +128,8 @@ def patch_of_a_negative_node(stage: Stage) -> None:
 
 def _usable(stage: Stage, part: Part) -> None:
     session = stage.open(part)
-    try:
-        session.upload()
-        session.do("BUILD")
-    finally:
-        session.discard()
+    session.upload()
+    session.do("BUILD")
 
 
 @suite("13.3")
@@ -163,14 +153,11 @@ def moving_nodes_ascend(stage: Stage) -> None:
     sides = {"b": Side("fixed", (3, 7, 11, 15, 12)), "a": Side("moving", (12, 8)), "c": Side("moving", (0, 4, 8))}
     part = Part(SQUARE.points, SQUARE.triangles, sides)
     session = stage.open(part)
-    try:
-        session.upload()
-        found = session.do("BUILD").arrays["moving_nodes"].tolist()
-        joined = session.join()[0].arrays["moving_nodes"].tolist()
-        if (found, joined) != ([0, 4, 8, 12], [0, 4, 8, 12]):
-            raise Unmet("moving_nodes [0, 4, 8, 12] in BUILT and in JOINED", f"{found}, {joined}")
-    finally:
-        session.discard()
+    session.upload()
+    found = session.do("BUILD").arrays["moving_nodes"].tolist()
+    joined = session.join()[0].arrays["moving_nodes"].tolist()
+    if (found, joined) != ([0, 4, 8, 12], [0, 4, 8, 12]):
+        raise Unmet("moving_nodes [0, 4, 8, 12] in BUILT and in JOINED", f"{found}, {joined}")
 
 
 @suite("13.5")
@@ -178,19 +165,16 @@ def JOINED_names_the_moving_patches(stage: Stage) -> None:
     """JOINED names each moving patch, with its nodes in the order of UPLOAD, after RESUME too."""
     sides = {"b": Side("fixed", (3, 7, 11, 15)), "c": Side("moving", (12, 8)), "a": Side("moving", (0, 8, 4))}
     session = stage.open(Part(SQUARE.points, SQUARE.triangles, sides))
-    try:
-        session.upload()
-        session.do("BUILD")
-        session.resume()
-        joined = session.join()[0]
-        counts = joined.fields.get("moving_patches", [])
-        nodes = joined.arrays.get("patch_nodes", np.empty(0)).tolist()
-        found = {}
-        for name, count in counts:
-            found[name], nodes = nodes[:count], nodes[count:]
-        if found != {"c": [12, 8], "a": [0, 8, 4]} or nodes:
-            raise Unmet("patch c with the nodes 12, 8 and patch a with 0, 8, 4", show(joined))
-        if joined.fields.get("extent") != np.ptp(SQUARE.points, axis=0).max():
-            raise Unmet("the longest side of the mesh's bounding box", show(joined))
-    finally:
-        session.discard()
+    session.upload()
+    session.do("BUILD")
+    session.resume()
+    joined = session.join()[0]
+    counts = joined.fields.get("moving_patches", [])
+    nodes = joined.arrays.get("patch_nodes", np.empty(0)).tolist()
+    found = {}
+    for name, count in counts:
+        found[name], nodes = nodes[:count], nodes[count:]
+    if found != {"c": [12, 8], "a": [0, 8, 4]} or nodes:
+        raise Unmet("patch c with the nodes 12, 8 and patch a with 0, 8, 4", show(joined))
+    if joined.fields.get("extent") != np.ptp(SQUARE.points, axis=0).max():
+        raise Unmet("the longest side of the mesh's bounding box", show(joined))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from mesh_motion_conformance.case import Case, Rows, Suite, Unmet
+from mesh_motion_conformance.case import Case, Rows, Suite, Unmet, require
 from mesh_motion_conformance.checks import refused
 from mesh_motion_conformance.server.requests import Request
 from mesh_motion_conformance.server.stage import Stage
@@ -79,10 +79,8 @@ def _in_force(stage: Stage) -> dict[str, Any]:
 
 def _has(stage: Stage, key: str, wanted: Any) -> None:
     found = _in_force(stage)
-    if key not in found:
-        raise Unmet(f"{key} in BUILT's settings", str(sorted(found)))
-    if wanted is not None and found[key] != wanted:
-        raise Unmet(f"{key} = {wanted!r}", repr(found[key]))
+    require(key in found, f"{key} in BUILT's settings", str(sorted(found)))
+    require(wanted is None or found[key] == wanted, f"{key} = {wanted!r}", repr(found[key]))
 
 
 def _effective() -> Rows:

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from mesh_motion_conformance.case import Case, Suite, Unmet
+from mesh_motion_conformance.case import Case, Suite, Unmet, require
 from mesh_motion_conformance.checks import answered, refused
 from mesh_motion_conformance.server.requests import Request
 from mesh_motion_conformance.server.stage import Stage
@@ -35,11 +35,9 @@ _WORST: dict[str, Any] = {
 def _check(value: Any, wanted: Any, where: str) -> None:
     """Check that a map has at least these keys, of these types."""
     if isinstance(wanted, dict):
-        if not isinstance(value, dict):
-            raise Unmet(f"{where}: a map", f"{value!r:.80}")
+        require(isinstance(value, dict), f"{where}: a map", f"{value!r:.80}")
         for key, kind in wanted.items():
-            if key not in value:
-                raise Unmet(f"{where}.{key}", f"the keys {sorted(value)}")
+            require(key in value, f"{where}.{key}", f"the keys {sorted(value)}")
             _check(value[key], kind, f"{where}.{key}")
     elif (isinstance(value, bool) and wanted is not bool) or not isinstance(value, wanted):
         raise Unmet(f"{where}: {wanted}", f"{value!r:.80}")
@@ -48,13 +46,11 @@ def _check(value: Any, wanted: Any, where: str) -> None:
 def _summary(value: Any, where: str) -> None:
     """A summary with its worst cells."""
     _check(value, _SUMMARY, where)
-    if not 0 < len(value["worst"]) <= 10:
-        raise Unmet(f"{where}.worst: at most 10 cells", str(len(value["worst"])))
+    require(0 < len(value["worst"]) <= 10, f"{where}.worst: at most 10 cells", str(len(value["worst"])))
     for cell in value["worst"]:
         _check(cell, _WORST, f"{where}.worst")
     metrics = [cell["metric"] for cell in value["worst"]]
-    if metrics != sorted(metrics):
-        raise Unmet(f"{where}.worst: worst first", str(metrics))
+    require(metrics == sorted(metrics), f"{where}.worst: worst first", str(metrics))
     if value["cells"] != 18 or value["inverted"] != 0:
         raise Unmet(f"{where}: 18 cells, none inverted", f"{value['cells']}, {value['inverted']}")
     if not all(value[name]["min"] <= value[name]["p50"] for name in ("size", "skew", "size_skew", "metric")):
@@ -126,8 +122,7 @@ def _faces(stage: Stage) -> None:
         if angles != sorted(angles, reverse=True) or angles[0] != given["max_non_orthogonality"]:
             raise Unmet("faces.worst: the least orthogonal first", str(angles))
     least = [found["before"][name] for name in ("shortest_edge", "smallest_face")]
-    if least != [1.0, 1.0]:
-        raise Unmet("faces.before: edges and faces as long and large as at rest", str(least))
+    require(least == [1.0, 1.0], "faces.before: edges and faces as long and large as at rest", str(least))
     angle = found["before"]["max_non_orthogonality"]
     if abs(angle - math.degrees(math.atan(0.5))) > 1e-6:  # d leads two thirds of a square across and one third up
         raise Unmet("faces.before: the reference mesh's 26.565 degrees", str(angle))
@@ -143,8 +138,7 @@ def _headroom(stage: Stage) -> None:
     session = stage.session("READY")
     still = session.request("MOVE").having(report="headroom").carrying(displacement=np.zeros((4, 2)))
     found = session.do(still).fields["headroom"]
-    if "inversion" in found or "cell" in found:
-        raise Unmet("headroom: nothing ends where nothing moves", str(found))
+    require("inversion" not in found and "cell" not in found, "headroom: nothing ends where nothing moves", str(found))
     whole = session.request("MOVE").having(report="headroom")
     ahead = session.do(whole).fields["headroom"]
     _check(ahead, {"inversion": _NUMBER, "threshold": _NUMBER, "cell": dict}, "headroom")
@@ -155,8 +149,7 @@ def _headroom(stage: Stage) -> None:
     on = asked.having(velocity="tangent").carrying(boundary_velocity=session.rows())
     for wanted, request in (("step", asked), ("displacement", asked), ("velocity", on)):
         along = session.do(request.having(headroom_along=wanted)).fields["headroom"]["along"]
-        if along != wanted:
-            raise Unmet(f"headroom.along: {wanted}", along)
+        require(along == wanted, f"headroom.along: {wanted}", along)
 
 
 _MOVED: dict[str, Any] = {
@@ -173,15 +166,13 @@ def _moved_quality(fields: dict[str, Any]) -> None:
     for name in ("standard", "corrected"):
         _summary(quality[name], f"quality.{name}")
     metrics = tables().settings["quality_metric"]["choices"]
-    if quality["metric"] not in metrics:
-        raise Unmet(f"quality.metric: one of {metrics}", repr(quality["metric"]))
+    require(quality["metric"] in metrics, f"quality.metric: one of {metrics}", repr(quality["metric"]))
 
 
 def _built_mesh(fields: dict[str, Any]) -> None:
     mesh = fields["mesh"]
     wanted = {"nodes": 16, "cells": {"triangle": 18}, "moving_nodes": 4}
-    if {name: mesh.get(name) for name in wanted} != wanted:
-        raise Unmet(str(wanted), str(mesh))
+    require({name: mesh.get(name) for name in wanted} == wanted, str(wanted), str(mesh))
     sides = {name: (row["role"], row["nodes"]) for name, row in mesh["patches"].items()}
     if sides != {"left": ("moving", 4), "right": ("fixed", 4)}:
         raise Unmet("patches left: moving, 4 nodes; right: fixed, 4 nodes", str(mesh["patches"]))
@@ -207,8 +198,7 @@ def LISTED_sessions(stage: Stage) -> None:
     )
     shown = {name: own[name] for name in ("label", "state", "step", "partitions", "worker")}
     given = {"label": "conformance", "state": "TRIAL", "step": session.step, "partitions": 1, "worker": "alive"}
-    if shown != given:
-        raise Unmet(str(given), str(shown))
+    require(shown == given, str(given), str(shown))
 
 
 @suite("15")
@@ -250,8 +240,7 @@ def digests(stage: Stage, moves: list[float], drop: bool) -> None:
         session.do(session.request("MOVE").carrying(displacement=session.rows(size=size)))
     committed = session.do("COMMIT").fields
     wanted = digest(session.step, session.do("FETCH").arrays["points"])
-    if committed["digest"] != wanted:
-        raise Unmet(f"digest {wanted.hex()}", committed["digest"].hex())
+    require(committed["digest"] == wanted, f"digest {wanted.hex()}", committed["digest"].hex())
     if committed["durable_step"] > committed["step"]:
         raise Unmet("durable_step ≤ step", str(committed["durable_step"]))
 
@@ -264,5 +253,4 @@ def same_state_same_digest_after_resume(stage: Stage) -> None:
     session.resume()
     session.join()
     wanted = digest(session.step, session.do("FETCH").arrays["points"])
-    if committed != wanted:
-        raise Unmet(f"digest {wanted.hex()}", committed.hex())
+    require(committed == wanted, f"digest {wanted.hex()}", committed.hex())

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from mesh_motion_conformance.case import Rows, Suite, Unmet
+from mesh_motion_conformance.case import Rows, Suite, Unmet, require
 from mesh_motion_conformance.checks import answered, check_identity, refused
 from mesh_motion_conformance.line import Line
 from mesh_motion_conformance.server.requests import Request
@@ -68,8 +68,7 @@ def replies_as_requests(stage: Stage, kind: str, place: str) -> None:
 
 def _names_ours(reply: Message) -> None:
     details = refused(reply, "UNIMPLEMENTED.VERSION").fields["details"]
-    if [1, 0] not in details.get("versions", []):
-        raise Unmet("our versions in details.versions", show(reply))
+    require([1, 0] in details.get("versions", []), "our versions in details.versions", show(reply))
 
 
 _OFFERS: dict[str, tuple[Any, list[int] | None]] = {
@@ -125,8 +124,7 @@ def HELLO_at_any_time(stage: Stage) -> None:
 def boot_is_one(stage: Stage) -> None:
     """boot is the same until the server is started again."""
     boots = {answered(stage.ask(Request("HELLO"), stage.line()), "WELCOME").fields["boot"] for _ in range(3)}
-    if len(boots) != 1 or len(min(boots)) != 16:
-        raise Unmet("one boot id of 16 bytes", str([boot.hex() for boot in boots]))
+    require(len(boots) == 1 and len(min(boots)) == 16, "one boot id of 16 bytes", str([boot.hex() for boot in boots]))
 
 
 @suite("18.5")
@@ -134,8 +132,7 @@ def no_features(stage: Stage) -> None:
     """features of WELCOME are those that both sides have: none for a client that names none or unknown ones."""
     for offered in ([], ["no-such-feature"]):
         found = answered(stage.ask(Request("HELLO", {"features": offered})), "WELCOME").fields["features"]
-        if found:
-            raise Unmet("features []", str(found))
+        require(not found, "features []", str(found))
 
 
 @suite("12")
@@ -143,8 +140,7 @@ def WELCOME_durability(stage: Stage) -> None:
     """WELCOME names the durability levels offered; one that is not offered is refused by OPEN."""
     offered = answered(stage.ask(Request("HELLO")), "WELCOME").fields["durability"]
     levels = {"full", "replay", "relaxed"}
-    if not offered or not set(offered) <= levels:
-        raise Unmet(f"some of {sorted(levels)}", str(offered))
+    require(offered and set(offered) <= levels, f"some of {sorted(levels)}", str(offered))
     for level in sorted(levels - set(offered)):
         refused(
             stage.ask(Request("OPEN", {"dimension": 2, "durability": level})), "INVALID_ARGUMENT.VALUE", "UNIMPLEMENTED"

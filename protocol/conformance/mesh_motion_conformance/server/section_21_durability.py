@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from functools import partial
 
-from mesh_motion_conformance.case import Case, Skip, Suite, Unmet
+from mesh_motion_conformance.case import Case, Skip, Suite, Unmet, require
 from mesh_motion_conformance.checks import answered, refused
 from mesh_motion_conformance.server.requests import Request
 from mesh_motion_conformance.server.session import Session
@@ -51,17 +51,14 @@ def _stored_reply(stage: Stage, session: Session, level: str) -> None:
     first = answered(session.ask(commit, sequence=number), "COMMITTED")
     again = session.ask(commit, sequence=number)
     session.step = first.fields["step"]
-    if again.frames != first.frames:
-        raise Unmet(f"the stored reply, {show(first)}", show(again))
+    require(again.frames == first.frames, f"the stored reply, {show(first)}", show(again))
 
 
 def _taken_up(session: Session, step: int, wanted: bytes, retry: Callable[[], object]) -> None:
     """Check that the session is at this step, with these coordinates and the reply to its COMMIT."""
     session.join()
-    if session.step != step:
-        raise Unmet(f"step {step}", f"step {session.step}")
-    if session.do("FETCH").arrays["points"].tobytes() != wanted:
-        raise Unmet("the committed coordinates, bitwise", "others")
+    require(session.step == step, f"step {step}", f"step {session.step}")
+    require(session.do("FETCH").arrays["points"].tobytes() == wanted, "the committed coordinates, bitwise", "others")
     retry()
 
 
@@ -78,8 +75,7 @@ def _after(leave: Callable[[Session], object]) -> Play:
         points = session.do("FETCH").arrays["points"].tobytes()
         leave(session)
         resumed = session.resume().fields["step"]
-        if resumed != first.fields["step"]:
-            raise Unmet(f"RESUMED at step {first.fields['step']}", f"step {resumed}")
+        require(resumed == first.fields["step"], f"RESUMED at step {first.fields['step']}", f"step {resumed}")
 
         def retry() -> None:
             again = session.ask(commit.having(epoch=session.epoch), sequence=number, client=client)

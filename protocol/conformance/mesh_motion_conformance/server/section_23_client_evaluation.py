@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mesh_motion_conformance.case import Suite, Unmet
+from mesh_motion_conformance.case import Suite, Unmet, require
 from mesh_motion_conformance.checks import answered, refused
 from mesh_motion_conformance.server.mesh import OUTER, SQUARE, WITHOUT_VOLUME, Part, Side, boundary
 from mesh_motion_conformance.server.requests import Request
@@ -34,8 +34,7 @@ def settings(stage: Stage, key: str, value: str) -> None:
     """{0} has to leave the volume alone."""
     fields = {"dimension": 2, "settings": WITHOUT_VOLUME | {key: value}, "evaluation": "client"}
     reply = refused(stage.ask(Request("OPEN", fields)), "INVALID_ARGUMENT.SETTINGS", state="")
-    if key not in str(reply.fields["details"]) + reply.fields["message"]:
-        raise Unmet(f"an ERROR that names {key}", show(reply))
+    require(key in str(reply.fields["details"]) + reply.fields["message"], f"an ERROR that names {key}", show(reply))
 
 
 @suite("23.2")
@@ -45,7 +44,6 @@ def cells_with_nodes(stage: Stage) -> None:
     rows = SQUARE.triangles
     upload = Request("UPLOAD", session.address() | {"item": "cells", "name": "triangle"}, {"rows": rows})
     refused(session.ask(upload), "INVALID_ARGUMENT.SHAPE", state="NEW")
-    session.discard()
 
 
 _EDGES = np.zeros((2, 2), "<i8")
@@ -64,7 +62,6 @@ def facets(stage: Stage, code: str, name: str, wrong: NDArray[Any]) -> None:
     session = stage.open(boundary(), settings=WITHOUT_VOLUME, evaluation="client")
     upload = Request("UPLOAD", session.address() | {"item": "facets", "name": name}, {"rows": wrong})
     refused(session.ask(upload), code, state="NEW")
-    session.discard()
 
 
 def _outer_facets() -> NDArray[np.int64]:
@@ -100,7 +97,6 @@ def facets_twice(stage: Stage) -> None:
     rows = _outer_facets()
     session = _with_facets(stage, np.concatenate([rows, rows[:1]]))
     refused(session.ask("BUILD"), "INVALID_ARGUMENT.PARTITION", state="OPENING")
-    session.discard()
 
 
 @suite("23.2")
@@ -110,7 +106,6 @@ def cells_near_walls(stage: Stage) -> None:
     if not 0.0 < reach < 0.3 or wall.shape != (3, 4) or np.abs(wall[:, ::2]).max() > 0.0:
         raise Unmet("a reach within the first cells, and three edges at x = 0", f"{reach} {wall}")
     _build_with_cells(session, reach, _NEAR)
-    session.discard()
 
 
 #: Behind the nodes of the boundary those inside; all triangles in rows of both.
@@ -137,8 +132,7 @@ def _build_with_cells(session: Session, reach: float, rows: NDArray[np.int64]) -
     """Upload these cells (m, 3) and check that BUILT asks for no more."""
     answered(_near_cells(session, "triangle", rows), "UPLOADED")
     built = answered(session.ask(Request("BUILD", session.address() | {"reach": reach})), "BUILT")
-    if built.fields.get("reach", 0.0):
-        raise Unmet("a mesh that is built: its cells are not thin", show(built))
+    require(not built.fields.get("reach", 0.0), "a mesh that is built: its cells are not thin", show(built))
 
 
 @suite(
@@ -154,7 +148,6 @@ def wrong_near_cells(stage: Stage, code: str, name: str, wrong: NDArray[Any]) ->
     session, reach, _ = _asked_for_cells(stage)
     refused(_near_cells(session, name, wrong), code, state="OPENING")
     _build_with_cells(session, reach, _NEAR)
-    session.discard()
 
 
 @suite("23.2")
@@ -163,9 +156,7 @@ def near_cells_of_no_node(stage: Stage) -> None:
     session, reach, _ = _asked_for_cells(stage)
     answered(_near_cells(session, "triangle", np.concatenate([_NEAR[:-1], [[0, 1, 16]]])), "UPLOADED")
     reply = refused(session.ask(Request("BUILD", session.address() | {"reach": reach})), "INVALID_ARGUMENT.MESH")
-    if "16" not in reply.fields["message"]:
-        raise Unmet("an ERROR that names the node 16", show(reply))
-    session.discard()
+    require("16" in reply.fields["message"], "an ERROR that names the node 16", show(reply))
 
 
 @suite("23.2")
@@ -176,10 +167,8 @@ def near_cells_are_missing(stage: Stage) -> None:
     answered(_near_cells(session, "triangle", _NEAR[~last]), "UPLOADED")
     build = Request("BUILD", session.address() | {"reach": reach})
     reply = refused(session.ask(build), "INVALID_ARGUMENT.MESH", state="OPENING")
-    if reply.fields["details"].get("global_id") != 8:
-        raise Unmet("an ERROR that names the node 8", show(reply))
+    require(reply.fields["details"].get("global_id") == 8, "an ERROR that names the node 8", show(reply))
     _build_with_cells(session, reach, _NEAR[last])
-    session.discard()
 
 
 @suite(
@@ -199,7 +188,6 @@ def wrong_reaches(stage: Stage, wrong: float) -> None:
     code = "VALUE" if np.isfinite(wrong) else "NONFINITE"
     refused(session.ask(build), f"INVALID_ARGUMENT.{code}", state="OPENING")
     _build_with_cells(session, reach, _NEAR)
-    session.discard()
 
 
 @suite("23.2")
@@ -209,7 +197,6 @@ def build_without_reach(stage: Stage) -> None:
     built = session.do("BUILD")
     if not any("partition 0" in warning for warning in built.fields["mesh"]["warnings"]):
         raise Unmet("a warning that names partition 0", show(built))
-    session.discard()
 
 
 @suite("23.3")
@@ -236,7 +223,6 @@ def boundaries(stage: Stage, part: Part) -> None:
     session = stage.open(part, settings=WITHOUT_VOLUME, evaluation="client")
     session.upload()
     refused(session.ask("BUILD"), "INVALID_ARGUMENT.MESH", state="OPENING")
-    session.discard()
 
 
 @suite("23.4", {"increments": ("frame", "committed"), "faces": ("report", "faces")})
@@ -262,8 +248,7 @@ def field_meets_the_boundary(stage: Stage) -> None:
     moved = stage.judging("READY").do("MOVE")
     field = functions(moved, OUTER) @ moved.arrays["coefficients"]
     error = float(np.abs(field - moved.arrays["displacement"]).max())
-    if not error < 1e-9:
-        raise Unmet("the displacement of the boundary", f"another one by {error:.2g}")
+    require(error < 1e-9, "the displacement of the boundary", f"another one by {error:.2g}")
 
 
 @suite("23.4")
@@ -347,8 +332,7 @@ def bad_cells_are_corrected(stage: Stage) -> None:
     refused(session.ask("COMMIT"), "FAILED_PRECONDITION.STATE", state="TRIAL")
     quality = answered(session.ask("JUDGE"), "JUDGED").fields["quality"]
     lowest = [quality[which]["metric"]["min"] for which in ("standard", "corrected")]
-    if lowest != [0.25, 0.5]:
-        raise Unmet("the quality before and after the correction", str(lowest))
+    require(lowest == [0.25, 0.5], "the quality before and after the correction", str(lowest))
     answered(session.ask("COMMIT"), "COMMITTED")
     if not answered(session.ask("FETCH"), "FETCHED").fields["region"]:
         raise Unmet("a region in FETCHED of corrected coordinates", "none")
@@ -410,8 +394,7 @@ def field_survives(stage: Stage) -> None:
     session.join()
     after = session.do("FETCH")
     for name, array in before.arrays.items():
-        if after.arrays[name].tobytes() != array.tobytes():
-            raise Unmet(f"the same {name} after RESUME", "others")
+        require(after.arrays[name].tobytes() == array.tobytes(), f"the same {name} after RESUME", "others")
 
 
 @suite("8")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mesh_motion_conformance.case import Suite, Unmet
+from mesh_motion_conformance.case import Suite, Unmet, require
 from mesh_motion_conformance.checks import answered, refused
 from mesh_motion_conformance.server.mesh import OUTER
 from mesh_motion_conformance.server.requests import Request
@@ -98,8 +98,7 @@ def counted_coefficients(stage: Stage) -> None:
     one = np.sum(weights * found["velocity"]) + np.sum(others * (inner @ found["coefficients"]))
     ask = _at_trial(session, "COTANGENT", weights=weights, coefficients=inner.T @ others)
     other = np.sum(answered(session.ask(ask), "COTANGENT_FOUND").arrays["weights"] * v)
-    if not abs(one - other) < 1e-9 * (1.0 + abs(one)):
-        raise Unmet("the same sum from both sides", f"{one} and {other}")
+    require(abs(one - other) < 1e-9 * (1.0 + abs(one)), "the same sum from both sides", f"{one} and {other}")
     refused(session.ask(_at_trial(session, "COTANGENT", weights=weights)), "INVALID_ARGUMENT.VALUE", state="TRIAL")
 
 
@@ -121,9 +120,7 @@ def no_derivative(stage: Stage) -> None:
     session = stage.open(settings={"displacement": "relative"})
     session.upload()
     built = session.do("BUILD")
-    if built.fields["derivatives"]:
-        raise Unmet("derivatives false", show(built))
+    require(not built.fields["derivatives"], "derivatives false", show(built))
     for kind in ("TANGENT", "COTANGENT"):
         reply = refused(session.ask(kind), "FAILED_PRECONDITION")
-        if reply.fields["details"].get("setting") != "displacement":
-            raise Unmet("details.setting displacement", show(reply))
+        require(reply.fields["details"].get("setting") == "displacement", "details.setting displacement", show(reply))

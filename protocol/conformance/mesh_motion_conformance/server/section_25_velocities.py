@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mesh_motion_conformance.case import Suite, Unmet
+from mesh_motion_conformance.case import Suite, Unmet, require
 from mesh_motion_conformance.checks import answered, refused
 from mesh_motion_conformance.server.mesh import SQUARE
 from mesh_motion_conformance.server.requests import Request
@@ -70,9 +70,7 @@ def times_grow(stage: Stage) -> None:
     refused(session.ask(commit), "INVALID_ARGUMENT.VALUE", state="TRIAL")
     session.do("COMMIT")
     (joined,) = session.join()
-    if joined.fields.get("time") != _TIMES[1]:
-        raise Unmet(f"time {_TIMES[1]}", show(joined))
-    session.discard()
+    require(joined.fields.get("time") == _TIMES[1], f"time {_TIMES[1]}", show(joined))
 
 
 @suite("25.2")
@@ -84,11 +82,9 @@ def bdf1(stage: Stage) -> None:
         moved = _moved(session, step, velocity="bdf1")
         now = moved.arrays["displacement"]
         _close(moved.arrays["velocity"], (now - last) / (_TIMES[step] - _TIMES[step - 1]))
-        if "velocity" in _moved(session, step).arrays:
-            raise Unmet("no velocity", "velocity")
+        require("velocity" not in _moved(session, step).arrays, "no velocity", "velocity")
         session.do("COMMIT")
         last = now
-    session.discard()
 
 
 @suite("25.2")
@@ -99,7 +95,6 @@ def tangent(stage: Stage) -> None:
     moved = _moved(session, 1, velocity="tangent", arrays={"boundary_velocity": v})
     request = Request("TANGENT", session.address() | {"what": "trial"}, {"velocity": v})
     _close(moved.arrays["velocity"], answered(session.ask(request), "TANGENT_FOUND").arrays["velocity"])
-    session.discard()
 
 
 @suite("25.3")
@@ -119,7 +114,6 @@ def bdf2_survives(stage: Stage) -> None:
         session.do("COMMIT")
         session.resume()
         session.join()
-    session.discard()
 
 
 @suite("25.3")
@@ -139,7 +133,6 @@ def bossak_survives(stage: Stage) -> None:
         session.do("COMMIT")
         session.resume()
         session.join()
-    session.discard()
 
 
 @suite("25.3")
@@ -149,10 +142,8 @@ def levels_take_a_time(stage: Stage) -> None:
     fields = {name: value for name, value in _move(session, 1).fields.items() if name != "time"}
     session.do(Request("MOVE", fields, {"displacement": session.rows()}))
     reply = refused(session.ask("COMMIT"), "INVALID_ARGUMENT.VALUE", state="TRIAL")
-    if reply.fields["details"].get("field") != "time":
-        raise Unmet("details.field time", show(reply))
+    require(reply.fields["details"].get("field") == "time", "details.field time", show(reply))
     session.do(Request("COMMIT", session.address() | {"step": 1, "time": _TIMES[1]}))
-    session.discard()
 
 
 @suite("25.4")
@@ -169,14 +160,11 @@ def missing(stage: Stage) -> None:
     )
     for fields, code, field in wrong:
         reply = refused(session.ask(Request("MOVE", fields, move.arrays)), code, state="READY")
-        if reply.fields["details"].get("field") != field:
-            raise Unmet(f"details.field {field}", show(reply))
+        require(reply.fields["details"].get("field") == field, f"details.field {field}", show(reply))
     session.do(Request("MOVE", timeless, move.arrays))
     session.do("COMMIT")
     reply = refused(session.ask(_move(session, 2, velocity="bdf1")), "FAILED_PRECONDITION")
-    if reply.fields["details"].get("field") != "time":
-        raise Unmet("details.field time", show(reply))
-    session.discard()
+    require(reply.fields["details"].get("field") == "time", "details.field time", show(reply))
 
 
 @suite("25.5")
@@ -189,14 +177,12 @@ def conservation(stage: Stage) -> None:
         moved = _moved(session, step, report="swept")
         after = rest + moved.arrays["displacement"]
         swept = moved.arrays["swept"]
-        if swept.shape != (3 * len(triangles),):
-            raise Unmet(f"{3 * len(triangles)} volumes", show(moved))
+        require(swept.shape == (3 * len(triangles),), f"{3 * len(triangles)} volumes", show(moved))
         change = _areas(after[triangles]) - _areas(before[triangles])
         if np.abs(swept.reshape(-1, 3).sum(axis=1) - change).max() > 1e-14 or np.abs(swept).max() < 1e-6:
             raise Unmet(f"sums of {change[:3]} …", f"{swept[:9]} …")
         session.do("COMMIT")
         before = after
-    session.discard()
 
 
 @suite("25.7")
@@ -210,9 +196,7 @@ def given_faces(stage: Stage) -> None:
     _close(given, every[::-1])
     edges[4, 1] = len(SQUARE.points)
     reply = refused(session.ask(_move(session, 1, report="swept", arrays={"swept_faces": edges})), "INVALID_ARGUMENT")
-    if reply.fields["details"].get("row") != 4:
-        raise Unmet("details.row 4", show(reply))
-    session.discard()
+    require(reply.fields["details"].get("row") == 4, "details.row 4", show(reply))
 
 
 def _areas(x: NDArray[np.float64]) -> NDArray[np.float64]:

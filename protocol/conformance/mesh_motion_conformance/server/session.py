@@ -40,7 +40,6 @@ class Session:
 
     Parameters
     ----------
-    stage : Stage
     opened : Message
         OPENED.
     parts : tuple of Part

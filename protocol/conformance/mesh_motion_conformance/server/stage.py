@@ -49,6 +49,7 @@ class Stage:
         self._control: Line | None = None
         self._limits: dict[str, int] = {}
         self._sessions: dict[str, Session] = {}
+        self._of_case: list[Session] = []
         self._lines: list[Line] = []
         self._failed_openings = 0
 
@@ -114,7 +115,10 @@ class Stage:
         evaluation: str = "",
         **others: Any,
     ) -> Session:
-        """A new session, in state NEW and joined by all of its partitions; ``others``: further fields of OPEN."""
+        """A new session, in state NEW and joined by all of its partitions; ``others``: further fields of OPEN.
+
+        It is discarded after the case, unless it is shared.
+        """
         if self._failed_openings >= _FAILED_OPENINGS:
             raise Unmet("a session", f"none after {self._failed_openings} tries to open one")
         parts = parts or (SQUARE,)
@@ -130,6 +134,7 @@ class Stage:
         try:
             reply = answered(self.ask(Request("OPEN", fields), seconds=self.opening_seconds), "OPENED")
             session = Session(self, reply, parts)
+            self._of_case.append(session)
             session.join()
         except Exception:
             self._failed_openings += 1
@@ -150,7 +155,7 @@ class Stage:
             except (Unmet, Silence, Ended, Malformed):
                 self._sessions.pop(key).discard()
         sent = self.sent
-        session = self._sessions[key] = self.open()
+        session = self._sessions[key] = self._shared(self.open())
         session.reach(state)
         self.sent = sent
         return session
@@ -165,7 +170,12 @@ class Stage:
                 self._sessions.pop(key).discard()
             else:
                 return session
-        self._sessions[key] = session = make()
+        self._sessions[key] = session = self._shared(make())
+        return session
+
+    def _shared(self, session: Session) -> Session:
+        """The session, which does not end with the case."""
+        self._of_case.remove(session)
         return session
 
     def judging(self, state: str = "TRIAL") -> Session:
@@ -185,9 +195,16 @@ class Stage:
                 stray = line.receive(0.0)
                 self.mend()
                 raise Unmet("exactly one reply to a request (SPEC 2.5)", f"another one: {show_frames(stray.frames)}")
+        self._discard()
+
+    def _discard(self) -> None:
+        """End the sessions that only the last case used."""
+        while self._of_case:
+            self._of_case.pop().discard()
 
     def mend(self) -> None:
-        """Drop late replies, and a control connection that may have ended."""
+        """Drop late replies, sessions of the case, and a control connection that may have ended."""
+        self._discard()
         for line in self._open_lines():
             with contextlib.suppress(Silence):
                 while True:

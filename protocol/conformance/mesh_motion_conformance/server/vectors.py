@@ -12,7 +12,7 @@ from typing import Any
 
 import msgpack
 
-from mesh_motion_conformance.case import Case, Suite, Unmet
+from mesh_motion_conformance.case import Case, Suite, require
 from mesh_motion_conformance.checks import refused
 from mesh_motion_conformance.server.stage import Stage
 from mesh_motion_conformance.show import show
@@ -75,8 +75,7 @@ def valid() -> Iterator[Case]:
             reply = line.receive(stage.opening_seconds)
             line.close()
             code = reply.fields.get("code", "")
-            if code in _MALFORMED:
-                raise Unmet(f"{vector['message']['type']} to be understood", show(reply))
+            require(code not in _MALFORMED, f"{vector['message']['type']} to be understood", show(reply))
 
         return understood
 
