@@ -3,21 +3,21 @@
 import re
 
 from mesh_motion_server.files.cgns.zone import CGNS
-from mesh_motion_server.files.elmer import ELMER
-from mesh_motion_server.files.ensight import ENSIGHT, ENSIGHT_GEOMETRY
-from mesh_motion_server.files.exodus import EXODUS
-from mesh_motion_server.files.fluent import FLUENT, FLUENT_HDF5
 from mesh_motion_server.files.format import Format
 from mesh_motion_server.files.gmsh.mesh import GMSH
-from mesh_motion_server.files.inp import ABAQUS_INP
-from mesh_motion_server.files.mdpa import KRATOS
-from mesh_motion_server.files.med import MED
-from mesh_motion_server.files.medit import MEDIT
-from mesh_motion_server.files.mfem import MFEM
 from mesh_motion_server.files.npz import NPZ
 from mesh_motion_server.files.openfoam.polymesh import FOAM_FILE, OPENFOAM
-from mesh_motion_server.files.su2 import SU2
-from mesh_motion_server.files.unv import UNV
+from mesh_motion_server.files.programs.elmer import ELMER
+from mesh_motion_server.files.programs.ensight import ENSIGHT, ENSIGHT_GEOMETRY
+from mesh_motion_server.files.programs.exodus import EXODUS
+from mesh_motion_server.files.programs.fluent import FLUENT, FLUENT_HDF5
+from mesh_motion_server.files.programs.inp import ABAQUS_INP
+from mesh_motion_server.files.programs.mdpa import KRATOS
+from mesh_motion_server.files.programs.med import MED
+from mesh_motion_server.files.programs.medit import MEDIT
+from mesh_motion_server.files.programs.mfem import MFEM
+from mesh_motion_server.files.programs.su2 import SU2
+from mesh_motion_server.files.programs.unv import UNV
 from mesh_motion_server.files.vtk.reading import VTK, VTKHDF, VTU
 from mesh_motion_server.files.xdmf import XDMF
 
