@@ -32,6 +32,7 @@ _MESHED = "it has no cells of a volume: mesh the space around it, for example in
 _BY_GMSH = (
     "Gmsh reads it: gmsh FILE -save -format msh41 -o mesh.msh; pip install 'mesh-motion-server[mesh]' installs gmsh"
 )
+_IN_NETGEN = "mesh it in Netgen: File, Save Mesh, with the ending .vol"
 _BY_MFEM = "versions 1.0, 1.2 and 1.3 are read; Mesh::PrintVTK of MFEM writes a mesh for other programs"
 _BY_PARAVIEW = "ParaView reads it: filter Merge Blocks, then File, Save Data, with the ending .vtu"
 _BY_MESHIO = "meshio reads it: pip install meshio, meshio convert FILE mesh.vtu"
@@ -115,7 +116,7 @@ FORMATS: tuple[Format, ...] = (
         "COMSOL exports Nastran, which is read",
     ),
     _named("a mesh of DOLFIN", (".xml",), rb"<dolfin\b", _BY_MESHIO),
-    _named("a mesh of TetGen", (".node", ".ele", ".poly", ".smesh"), rb"(?!)", "tetgen -k writes .vtk"),
+    _named("a mesh of TetGen", (".node", ".ele", ".poly", ".smesh"), rb"(?!)", "tetgen -g writes Medit's .mesh"),
     _named("a surface (STL)", (".stl",), rb"\A\s*solid\b[^$]*\bfacet\s+normal", _MESHED),
     _named("a surface (PLY)", (".ply",), rb"\Aply\r?\n", _MESHED),
     _named("a surface (OFF)", (".off",), rb"\AOFF\s", _MESHED),
@@ -123,6 +124,8 @@ FORMATS: tuple[Format, ...] = (
     _named("a geometry (STEP)", (".step", ".stp"), rb"\A\s*ISO-10303-21", _MESHED),
     _named("a geometry (IGES)", (".iges", ".igs"), rb"\A.{72}S\s*1\s", _MESHED),
     _named("a geometry (BREP)", (".brep", ".brp"), rb"\A\s*(DBRep_DrawableShape|CASCADE Topology)", _MESHED),
+    _named("a geometry of Netgen", (".in2d", ".geo"), rb"\A(\s|#.*\n)*(splinecurves|algebraic3d)", _IN_NETGEN),
+    _named("an input of ElmerGrid", (".grd",), rb"(?m)^(Version = \d|Coordinate System = )", "ElmerGrid 1 2 FILE"),
     _named("a file of OpenFOAM", (), rb"(?m)^FoamFile\b", "give the folder of its case"),
     _named(
         "a geometry of Gmsh",

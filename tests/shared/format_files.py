@@ -527,7 +527,7 @@ def ensight_binary(path: Path, order: str = "<") -> None:
 
 
 def ugrid_text(path: Path) -> None:
-    """UGRID as text, and FUN3D's names beside it."""
+    """UGRID as text, and FUN3D's names in its file."""
     path.write_text(_ugrid(rows))
     _mapbc(path.with_suffix(".mapbc"))
 

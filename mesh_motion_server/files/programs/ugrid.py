@@ -1,6 +1,6 @@
 """UGRID of AFLR3, FUN3D, Pointwise and others: text, C binary or Fortran's, of either byte order and precision.
 
-Surface numbers become patches. Names and symmetry planes are taken from FUN3D's ``.mapbc`` file beside it.
+Surface numbers become patches. Names and symmetry planes are taken from FUN3D's ``.mapbc`` file.
 
 https://www.simcenter.msstate.edu/software/documentation/ug_io/3d_grid_file_type_ugrid.html
 """
@@ -132,11 +132,11 @@ def _mesh(path: Path, found: _Content) -> MeshFile:
 
 def _names(path: Path) -> tuple[dict[int, str], set[str]]:
     """{number: name} of the surfaces of the ``.mapbc`` file, and the names of symmetry planes."""
-    beside = _mapbc(path)
-    if not beside.is_file():
+    conditions = _mapbc(path)
+    if not conditions.is_file():
         return {}, set()
     names, symmetric = {}, set()
-    for line in text_of(beside.read_bytes()).splitlines()[1:]:  # the first line counts them
+    for line in text_of(conditions.read_bytes()).splitlines()[1:]:  # the first line counts them
         number, kind, *name = line.partition("!")[0].split(maxsplit=2) or ["", ""]
         if number:
             names[int(number)] = " ".join(name).strip() or number
@@ -151,7 +151,7 @@ def _mapbc(path: Path) -> Path:
 
 
 def _move(source: Path, target: Path, points: Floats) -> None:
-    """Write the file with other coordinates of the nodes, and a copy of the names beside it."""
+    """Write the file with other coordinates of the nodes, and a copy of the names with it."""
     edit(source, target, lambda data: replaced(data, [_content(data).place], points))
     if _mapbc(source).is_file() and _mapbc(source) != _mapbc(target):
         shutil.copyfile(_mapbc(source), _mapbc(target))
