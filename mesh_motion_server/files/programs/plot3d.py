@@ -174,7 +174,7 @@ def _joined(grid: _Grid) -> tuple[Integers, _Sides]:
         ends = np.cumsum([len(faces) for *_, faces in named])
         block, name, _ = named[int(np.searchsorted(ends, np.argmax(flat), side="right"))]
         raise ValueError(
-            f"a face of the side {name} of block {block + 1} has two corners at one place; that is not read"
+            f"a face of the side {name} of block {block + 1} has two corners at one place: it is not read"
         )
     _, kind, times = np.unique(keys, axis=0, return_inverse=True, return_counts=True)
     twice = times[kind.ravel()] > 1
