@@ -13,6 +13,7 @@ from format_files import CELLS, FACES, PATCHES, POINTS, netgen, rows, ugrid_bina
 from mesh_files import lists, one_line, quiet_gmsh, refused_when_damaged, replaced
 from mesh_motion_numerics.quality.metrics import cell_quality, reference_sizes
 from mesh_motion_numerics.quality.orientation import oriented
+from mesh_motion_protocol.errors import InvalidInput
 from numpy.typing import NDArray
 
 from mesh_motion_server.files import MeshFile, read_mesh, write_mesh
@@ -160,10 +161,15 @@ def test_nastran_in_every_form_of_fields(tmp_path: Path, form: str) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("GRID,101,,", "GRID,101,3,", r"GRID in line \d+: a node in the coordinate system 3; write it in the basic"),
+        ("GRID,101,,", "GRID,101,3,", r"nodes in the coordinate system 3, which no CORD2R, CORD2C or CORD2S defines"),
+        ("GRID,101,,", "GRDSET,,3\nGRID,101,,", r"GRDSET in line \d+: the coordinate system 3 for all nodes"),
+        ("GRID,101,,", "CORD2R,3,3,0.,0.,0.,0.,0.,1.,\n,1.\nGRID,101,3,", "the coordinate system 3, which no"),
+        ("GRID,101,,", "CORD2R,3,,0.,0.,0.,0.,0.,1.,\n,\nGRID,101,3,", "the coordinate system 3 are on a line"),
         ("CHEXA,1,7,100,", "CHEXA,1,7,,", r"CHEXA in line \d+: nodes \[0, .*\], expected 8 numbers from 1"),
         ("CHEXA,1,7,100,", "CHEXA,1,7,1,", "hexahedron: node 1 is named, but does not exist"),
-        ("GRID,101,,", "INCLUDE 'a.bdf'\nGRID,101,,", r"INCLUDE in line \d+: put the included cards in this file"),
+        ("GRID,101,,", "INCLUDE 'a.bdf'\nGRID,101,,", "INCLUDE of 'a.bdf', which is not a file in the deck's folder"),
+        ("GRID,101,,", "INCLUDE '../m.\nnas'\nGRID,101,,", "INCLUDE of '../m.nas', which is not a file in the deck's"),
+        ("GRID,101,,", "INCLUDE 'm.nas'\nGRID,101,,", "INCLUDE of 'm.nas', which includes itself"),
         ("GRID,101,,", "GRID,100,,", "node 100 appears twice"),
         ("GRID,101,,.0000", "GRID,101,,.0000x", r"GRID in line \d+: could not convert string to float"),
     ],
@@ -192,6 +198,33 @@ def test_nastran_in_the_plane_with_names_of_properties(tmp_path: Path, comment: 
     assert lists(mesh.cells) == {"quad": [[0, 1, 2, 3]]}
     assert "by their corners" in mesh.notes[0]
     np.testing.assert_allclose(moved_and_read(tmp_path / "m.bdf", mesh).points, mesh.points * 1.25 + np.pi, rtol=1e-14)
+
+
+def test_nastran_in_several_files(tmp_path: Path) -> None:
+    """The nodes in another file: that file can be written back, the deck cannot."""
+    nastran(tmp_path / "whole.bdf", "large")
+    head, body = (tmp_path / "whole.bdf").read_text().split("BEGIN BULK\n")
+    first = body.index("CHEXA*")
+    (tmp_path / "nodes.bdf").write_text(body[:first])
+    (tmp_path / "m.bdf").write_text(f"{head}BEGIN BULK\ninclude 'nodes\n.bdf' $ the nodes\n{body[first:]}")
+    mesh = read_mesh(tmp_path / "m.bdf")
+    assert lists(mesh.patches) == lists(read_mesh(tmp_path / "whole.bdf").patches)
+    with pytest.raises(InvalidInput, match=r"27 of its nodes are in files that it includes \(put them into one"):
+        write_mesh(tmp_path / "moved.bdf", mesh)
+
+
+def test_nastran_coordinate_systems(tmp_path: Path) -> None:
+    """Four nodes of a tetrahedron in a turned system, and in a cylinder and a sphere within it."""
+    (tmp_path / "m.bdf").write_text(
+        "CORD2R,1,,1.,2.,3.,1.,3.,3.,\n,1.,2.,4.\n"  # z along y, x along z, so y along x
+        "CORD2C,2,1,0.,0.,0.,0.,0.,1.,\n,1.,0.,0.\nCORD2S,3,1,0.,0.,0.,0.,0.,1.,\n,1.,0.,0.\n"
+        "GRID,1,1,0.,0.,0.\nGRID,2,1,2.,0.,0.\nGRID,3,2,2.,90.,0.,7\nGRID,4,3,2.,0.,0.\nCTETRA,1,1,1,2,3,4\n"
+    )
+    mesh = read_mesh(tmp_path / "m.bdf")
+    np.testing.assert_allclose(mesh.points, [[1, 2, 3], [1, 2, 5], [3, 2, 3], [1, 4, 3]], rtol=1e-15)
+    after = moved_and_read(tmp_path / "m.bdf", mesh)
+    np.testing.assert_allclose(after.points, mesh.points * 1.25 + np.pi, rtol=1e-14)
+    assert re.search(r"GRID\*   3 +0 .*\n\* {7}.{16}7\n", (tmp_path / "moved_m.bdf").read_text())  # its own directions
 
 
 @pytest.mark.parametrize("value", [0.0, -1.0, 1.5e-300, -1.23456789012345678e-5, 123456789.123456789, 1e16, -0.1 / 3])

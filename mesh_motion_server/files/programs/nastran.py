@@ -1,7 +1,8 @@
 """Bulk data of Nastran and OptiStruct, in small, large and free fields. Properties of shells (in 2D: bars) are patches.
 
-Names of properties are taken from the comments of HyperMesh, ANSA and Femap. Cards that do not describe the mesh are
-skipped.
+Names of properties are taken from the comments of HyperMesh, ANSA and Femap. Files that are included are read from the
+deck's folder. Nodes in local coordinate systems (CORD2R, CORD2C, CORD2S) get their places in the basic one. Cards that
+do not describe the mesh are skipped.
 
 MSC Nastran Quick Reference Guide, section 4, "Format of Bulk Data Entries"
 """
@@ -39,8 +40,35 @@ _NAMES = (
     re.compile(r"^\$ANSA_NAME_COMMENT;(\d+);P\w+;([^;\n]+);", re.MULTILINE),
     re.compile(r"^\$ Femap Property (\d+) : (.*\S)", re.MULTILINE),
 )
+_INCLUDE = re.compile(r"(?i)\s*INCLUDE\s+(.*)")
 #: An exponent without its letter: 1.5-3.
 _EXPONENT = re.compile(r"(?<=[\d.])(?=[-+])")
+
+
+@dataclass(frozen=True, eq=False)
+class _Axes:
+    """A coordinate system: R, C or S (angles in degrees), and three points in another system.
+
+    The points are the origin, one on the axis z, and one in the plane x-z.
+    """
+
+    kind: str
+    system: int
+    origin: Floats
+    above: Floats
+    beyond: Floats
+
+    def cartesian(self, points: Floats) -> Floats:
+        """(n, 3) x, y, z of its own coordinates."""
+        if self.kind == "R":
+            return points
+        r, second, third = points[:, 0], np.radians(points[:, 1]), points[:, 2]
+        if self.kind == "C":
+            return np.column_stack([r * np.cos(second), r * np.sin(second), third])
+        third = np.radians(third)
+        return np.column_stack(
+            [r * np.sin(second) * np.cos(third), r * np.sin(second) * np.sin(third), r * np.cos(second)]
+        )
 
 
 @dataclass(eq=False)
@@ -48,15 +76,16 @@ class _Content:
     """``elements``: {(our type, largest number of nodes): [[property, nodes…]]}, 0 for a node that is left out."""
 
     numbers: list[int] = field(default_factory=list)
+    systems: list[int] = field(default_factory=list)
     points: list[list[float]] = field(default_factory=list)
     elements: dict[tuple[str, int], list[list[int]]] = field(default_factory=lambda: defaultdict(list))
+    axes: dict[int, _Axes] = field(default_factory=dict)
 
     def take(self, name: str, fields: list[str]) -> None:
         """Add a card; cards that do not describe the mesh are skipped."""
         if name == "GRID":
-            if fields[1] not in ("", "0"):
-                raise ValueError(f"a node in the coordinate system {fields[1]}; write it in the basic one")
             self.numbers.append(int(fields[0]))
+            self.systems.append(int(fields[1] or 0))
             self.points.append([_real(word) for word in fields[2:5]])
         elif name in _ELEMENTS:
             kind, most = _ELEMENTS[name]
@@ -65,8 +94,40 @@ class _Content:
             if len(nodes) < count or min(nodes[:count]) < 1:
                 raise ValueError(f"nodes {nodes}, expected {count} numbers from 1")
             self.elements[kind, most].append([int(fields[1] or fields[0]), *nodes, *[0] * (most - len(nodes))])
-        elif name == "INCLUDE":
-            raise ValueError("put the included cards in this file")
+        elif name == "GRDSET" and fields[1] not in ("", "0"):
+            raise ValueError(f"the coordinate system {fields[1]} for all nodes; name it in each GRID")
+        elif name in ("CORD2R", "CORD2C", "CORD2S"):
+            origin, above, beyond = np.array([_real(word) for word in fields[2:11]]).reshape(3, 3)
+            self.axes[int(fields[0])] = _Axes(name[-1], int(fields[1] or 0), origin, above, beyond)
+
+    def places(self) -> Floats:
+        """(n, 3) the nodes in the basic coordinate system.
+
+        Raises
+        ------
+        ValueError
+            For a system that is not there, or that refers to itself.
+        """
+        points, systems = np.array(self.points), np.array(self.systems)
+        for system in np.unique(systems[systems != 0]).tolist():
+            own = systems == system
+            points[own] = self._basic(system, points[own], ())
+        return points
+
+    def _basic(self, system: int, points: Floats, seen: tuple[int, ...]) -> Floats:
+        if system == 0:
+            return points
+        if system not in self.axes or system in seen:
+            raise ValueError(f"nodes in the coordinate system {system}, which no CORD2R, CORD2C or CORD2S defines")
+        axes, within = self.axes[system], (*seen, system)
+        origin, above, beyond = self._basic(axes.system, np.array([axes.origin, axes.above, axes.beyond]), within)
+        z = above - origin
+        y = np.cross(z, beyond - origin)
+        x = np.cross(y, z)
+        if not (np.any(y) and np.any(z)):
+            raise ValueError(f"the three points of the coordinate system {system} are on a line")
+        turned: Floats = axes.cartesian(points) @ np.array([v / np.linalg.norm(v) for v in (x, y, z)])
+        return origin + turned
 
 
 def _read(path: Path) -> MeshFile:
@@ -75,12 +136,33 @@ def _read(path: Path) -> MeshFile:
     Raises
     ------
     InvalidInput
-        For nodes in a local coordinate system, files that are included, and malformed cards; names the card and line.
+        For coordinate systems and included files that are not there, and malformed cards; names the card and line.
     """
     try:
-        return _mesh(path, [text_of(line) for line in path.read_bytes().splitlines()])
+        return _mesh(path, _lines(path, path.resolve().parent, ()))
     except (ValueError, IndexError, OverflowError) as error:
         raise InvalidInput(f"{path}: malformed Nastran deck: {error}") from None
+
+
+def _lines(path: Path, folder: Path, within: tuple[Path, ...]) -> list[str]:
+    """The lines of a file, with those of the files that it includes."""
+    found: list[str] = []
+    lines = iter([text_of(line) for line in path.read_bytes().splitlines()])
+    for line in lines:
+        if match := _INCLUDE.match(line):
+            name = match[1]
+            while name.count("'") == 1:  # it goes on in the next line
+                name = name.strip() + next(lines, "'").strip()
+            name = name.split("'")[1] if "'" in name else name.partition("$")[0].strip().strip('"')
+            other = (folder / name).resolve()
+            if not other.is_relative_to(folder) or not other.is_file() or other in within:
+                known = other.is_relative_to(folder) and other.is_file()
+                reason = "includes itself" if known else "is not a file in the deck's folder"
+                raise ValueError(f"INCLUDE of {name!r}, which {reason}")
+            found += _lines(other, folder, (*within, other))
+        else:
+            found.append(line)
+    return found
 
 
 def _cards(lines: list[str]) -> Iterator[tuple[list[int], str, list[str]]]:
@@ -126,7 +208,7 @@ def _real(word: str) -> float:
         return float(_EXPONENT.sub("E", word.upper().replace("D", "E")) if "E" not in word.upper() else word)
 
 
-def _mesh(path: Path, lines: list[str]) -> MeshFile:
+def _content(lines: list[str]) -> _Content:
     found = _Content()
     for places, name, fields in _cards(lines):
         try:
@@ -135,6 +217,11 @@ def _mesh(path: Path, lines: list[str]) -> MeshFile:
             raise ValueError(f"{name} in line {places[0] + 1}: {error}") from None
     if not found.numbers:
         raise ValueError("it has no GRID")
+    return found
+
+
+def _mesh(path: Path, lines: list[str]) -> MeshFile:
+    found = _content(lines)
     rows = NumberedRows.of(np.array(found.numbers, dtype=np.int64))
     names = {int(number): name for form in _NAMES for number, name in form.findall("\n".join(lines))}
     dimension = max((CELL_TYPES[kind].dimension for kind, _ in found.elements), default=0)
@@ -151,7 +238,7 @@ def _mesh(path: Path, lines: list[str]) -> MeshFile:
             for number in np.unique(values[:, 0]).tolist():
                 groups[dimension - 1, names.get(number, number)].append(nodes[values[:, 0] == number].ravel())
     patches, _ = by_name(named_groups({key: np.concatenate(parts) for key, parts in groups.items()}))
-    return assemble_elements(path, np.array(found.points), elements, patches)
+    return assemble_elements(path, found.places(), elements, patches)
 
 
 def _move(source: Path, target: Path, points: Floats) -> None:
@@ -159,11 +246,16 @@ def _move(source: Path, target: Path, points: Floats) -> None:
 
     def change(lines: list[bytes]) -> None:
         cards = [card for card in _cards([text_of(line) for line in lines]) if card[1] == "GRID"]
-        for (places, _, fields), values in zip(cards, points.tolist(), strict=True):
-            number, system, *xyz = fields[:5]
-            xyz[: len(values)] = map(_large, values)
+        if len(cards) < len(points):
+            raise InvalidInput(
+                f"{source}: {len(points) - len(cards)} of its nodes are in files that it includes",
+                hint="put them into one file, or take .vtu",
+            )
+        whole = _content(_lines(source, source.resolve().parent, ())).places()
+        whole[:, : points.shape[1]] = points
+        for (places, _, fields), values in zip(cards, whole.tolist(), strict=True):
             rest = [*fields[5:8], *[""] * 3][:3]
-            words = [f"{word:<16}" for word in (number, system, *xyz, *rest)]
+            words = [f"{word:<16}" for word in (fields[0], "0", *map(_large, values), *rest)]
             ending = lines[places[0]][len(lines[places[0]].rstrip(b"\r\n")) :] or b"\n"
             rows = (f"GRID*   {''.join(words[:4])}", f"*       {''.join(words[4:])}")
             for place in places:

@@ -173,9 +173,7 @@ def _joined(grid: _Grid) -> tuple[Integers, _Sides]:
     if flat.any():
         ends = np.cumsum([len(faces) for *_, faces in named])
         block, name, _ = named[int(np.searchsorted(ends, np.argmax(flat), side="right"))]
-        raise ValueError(
-            f"a face of the side {name} of block {block + 1} has two corners at one place: it is not read"
-        )
+        raise ValueError(f"a face of the side {name} of block {block + 1} has two corners at one place: it is not read")
     _, kind, times = np.unique(keys, axis=0, return_inverse=True, return_counts=True)
     twice = times[kind.ravel()] > 1
     number = np.arange(len(points))
