@@ -126,8 +126,9 @@ class _Content:
         x = np.cross(y, z)
         if not (np.any(y) and np.any(z)):
             raise ValueError(f"the three points of the coordinate system {system} are on a line")
-        turned: Floats = axes.cartesian(points) @ np.array([v / np.linalg.norm(v) for v in (x, y, z)])
-        return origin + turned
+        turned = axes.cartesian(points) @ np.array([v / np.linalg.norm(v) for v in (x, y, z)])
+        basic: Floats = origin + turned
+        return basic
 
 
 def _read(path: Path) -> MeshFile:
