@@ -27,7 +27,8 @@ if [ ! -e "$prefix/lib/libprecice.so" ]; then
 fi
 
 flags=(-std=c++14 -m64 -DOPENFOAM=1912 -DWM_DP -DWM_LABEL_SIZE=32 -DNoRepository -O2 -fPIC -ftemplate-depth-100 -w
-  -DADAPTER_ENABLE_TIMINGS= -I"$prefix/include" -I"$adapter" -isystem "$source/src/transportModels")
+  -DADAPTER_ENABLE_TIMINGS= -I"$prefix/include" -isystem "$source/src/transportModels")
+while read -r folder; do flags+=(-I"$folder"); done < <(find "$adapter" -name '*.H' -printf '%h\n' | sort -u)
 for part in OpenFOAM OSspecific/POSIX finiteVolume meshTools fileFormats surfMesh "${parts[@]}"; do
   flags+=(-isystem "$source/src/$part/lnInclude")
 done
