@@ -63,7 +63,7 @@ def test_ugrid_in_every_binary_layout(tmp_path: Path, order: str, width: int, re
 
 def test_ugrid_pyramids_and_wedges_are_in_its_order(tmp_path: Path) -> None:
     """A cube of a pyramid and two wedges on its base; AFLR3 begins and ends a pyramid's base around its tip."""
-    points = "0 0 0  1 0 0  1 1 0  0 1 0  .5 .5 1  0 0 -1  1 0 -1  1 1 -1  0 1 -1"
+    points = "-0 0 0  1 0 0  1 1 0  0 1 0  .5 .5 1  0 0 -1  1 0 -1  1 1 -1  0 1 -1"
     pyramid, wedges = "2 1 5 3 4", "1 2 3 6 7 8\n1 3 4 6 8 9"
     (tmp_path / "m.ugrid").write_text(f"9 2 0 0 1 2 0\n{points}\n1 2 5\n2 3 5\n7\n7\n{pyramid}\n{wedges}\n")
     mesh = read_mesh(tmp_path / "m.ugrid")

@@ -277,5 +277,5 @@ def _large(value: float) -> str:
     return text
 
 
-_HEAD = re.compile(rb"(?m)^(GRID\*?[ \t,]|BEGIN BULK|CEND\b)")
+_HEAD = re.compile(rb"(?m)^((GRID|CTETRA|CHEXA|CPENTA|CTRIA3|CQUAD4)\*?[ \t,]|BEGIN BULK|CEND\b)")
 NASTRAN = Format("a Nastran deck", (".bdf", ".nas", ".fem"), _HEAD, _read, move=_move)

@@ -53,7 +53,7 @@ def _size(counts: tuple[int, ...]) -> int:
 
 
 def _content(data: bytes) -> _Content:
-    if re.match(rb"[\s\d]{16}", data):
+    if re.match(rb"\s*\d+(\s+\d+){6}\s", data):
         return _text(data)
     # optional records may follow, so the file may be longer
     for order, start, width, counts in _layouts(data):
