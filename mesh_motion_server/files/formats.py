@@ -108,6 +108,7 @@ FORMATS: tuple[Format, ...] = (
     _named("a binary AVS UCD file", (".inp", ".ucd"), rb"\A\x07", _BY_PARAVIEW),
     _named("an Ansys deck", (".cdb",), rb"(?im)^(/PREP7|NBLOCK,|/COM,\s*ANSYS)", _BY_ITS_PROGRAM),
     _named("a STAR-CCM+ mesh", (".ccm", ".ccmg"), rb"ADF", _BY_ITS_PROGRAM),
+    _named("a STAR-CD mesh", (".vrt", ".cel", ".bnd"), rb"\APROSTAR_", "star4ToFoam of OpenFOAM makes a case of it"),
     _named("a Gambit mesh", (".neu",), rb"\A\s*CONTROL INFO", _BY_ITS_PROGRAM),
     _named(
         "a COMSOL mesh",

@@ -197,6 +197,7 @@ def test_vtk_reads_the_same_cells_of_fluent(tmp_path: Path) -> None:
         ("m.inp", "*KEYWORD\n*NODE\n 1 0. 0. 0.\n", "an LS-DYNA deck, which is not read"),
         ("m.inp", "*NODE\n 1 0. 0. 0.\n*ELEMENT_SHELL\n", "an LS-DYNA deck, which is not read"),
         ("m.msh", "/PREP7\nNBLOCK,6,SOLID,8,8\n", "an Ansys deck, which is not read"),
+        ("m.vrt", "PROSTAR_VERTEX\n4000 0 0", r"a STAR-CD mesh, which is not read \(star4ToFoam"),
         ("m.neu", "        CONTROL INFO 2.4.6\n", "a Gambit mesh, which is not read"),
         ("m.txt", "# Created by COMSOL Multiphysics.\n", "a COMSOL mesh, which is not read"),
         ("m.xml", '<dolfin><mesh celltype="triangle" dim="2">', "a mesh of DOLFIN, which is not read"),
