@@ -1,6 +1,8 @@
 #!/usr/bin/env bash
 # Prints the folder whose src/ has OpenFOAM's headers: OPENFOAM_SOURCE, or those of Debian's OpenFOAM.
 #
+#     ./headers.sh [PART…]     further parts of src/ than this adapter needs
+#
 # Debian's package has none: they are taken from its source package (55 MB through apt with an apt configuration of its
 # own; no root needed), and kept in ~/.cache/mesh-motion (50 MB).
 # Exit status 69: there is no OpenFOAM here, or no way to its headers.
@@ -11,9 +13,9 @@ unavailable() {
   exit 69
 }
 
-PARTS="OpenFOAM OSspecific/POSIX finiteVolume dynamicMesh meshTools fileFormats surfMesh fvMotionSolver"
+PARTS="OpenFOAM OSspecific/POSIX finiteVolume dynamicMesh meshTools fileFormats surfMesh fvMotionSolver $*"
 
-has_headers() { [ -d "$1/src/fvMotionSolver/lnInclude" ] && [ -d "$1/src/OpenFOAM/lnInclude" ]; }
+has_headers() { for part in $PARTS; do [ -d "$1/src/$part/lnInclude" ] || return 1; done; }
 
 # The source package of the installed version, into the folder $1.
 fetch_headers() {

@@ -3,21 +3,26 @@
 import re
 
 from mesh_motion_server.files.cgns.zone import CGNS
-from mesh_motion_server.files.elmer import ELMER
-from mesh_motion_server.files.ensight import ENSIGHT, ENSIGHT_GEOMETRY
-from mesh_motion_server.files.exodus import EXODUS
-from mesh_motion_server.files.fluent import FLUENT, FLUENT_HDF5
 from mesh_motion_server.files.format import Format
 from mesh_motion_server.files.gmsh.mesh import GMSH
-from mesh_motion_server.files.inp import ABAQUS_INP
-from mesh_motion_server.files.mdpa import KRATOS
-from mesh_motion_server.files.med import MED
-from mesh_motion_server.files.medit import MEDIT
-from mesh_motion_server.files.mfem import MFEM
 from mesh_motion_server.files.npz import NPZ
 from mesh_motion_server.files.openfoam.polymesh import FOAM_FILE, OPENFOAM
-from mesh_motion_server.files.su2 import SU2
-from mesh_motion_server.files.unv import UNV
+from mesh_motion_server.files.programs.elmer import ELMER
+from mesh_motion_server.files.programs.ensight import ENSIGHT, ENSIGHT_GEOMETRY
+from mesh_motion_server.files.programs.exodus import EXODUS
+from mesh_motion_server.files.programs.fluent import FLUENT, FLUENT_HDF5
+from mesh_motion_server.files.programs.inp import ABAQUS_INP
+from mesh_motion_server.files.programs.mdpa import KRATOS
+from mesh_motion_server.files.programs.med import MED
+from mesh_motion_server.files.programs.medit import MEDIT
+from mesh_motion_server.files.programs.mfem import MFEM
+from mesh_motion_server.files.programs.nastran import NASTRAN
+from mesh_motion_server.files.programs.netgen import NETGEN
+from mesh_motion_server.files.programs.plot3d import PLOT3D
+from mesh_motion_server.files.programs.su2 import SU2
+from mesh_motion_server.files.programs.ucd import UCD
+from mesh_motion_server.files.programs.ugrid import UGRID
+from mesh_motion_server.files.programs.unv import UNV
 from mesh_motion_server.files.vtk.reading import VTK, VTKHDF, VTU
 from mesh_motion_server.files.xdmf import XDMF
 
@@ -27,9 +32,9 @@ _MESHED = "it has no cells of a volume: mesh the space around it, for example in
 _BY_GMSH = (
     "Gmsh reads it: gmsh FILE -save -format msh41 -o mesh.msh; pip install 'mesh-motion-server[mesh]' installs gmsh"
 )
+_IN_NETGEN = "mesh it in Netgen: File, Save Mesh, with the ending .vol"
 _BY_MFEM = "versions 1.0, 1.2 and 1.3 are read; Mesh::PrintVTK of MFEM writes a mesh for other programs"
 _BY_PARAVIEW = "ParaView reads it: filter Merge Blocks, then File, Save Data, with the ending .vtu"
-_BY_NETGEN = "Netgen writes it with the names of its surfaces: File, Export Mesh, Abaqus Format, with the ending .inp"
 _BY_MESHIO = "meshio reads it: pip install meshio, meshio convert FILE mesh.vtu"
 _BY_ITS_PROGRAM = "its program exports formats that are read, for example CGNS or Fluent's .msh"
 
@@ -79,9 +84,12 @@ FORMATS: tuple[Format, ...] = (
     MEDIT,
     ENSIGHT,
     ENSIGHT_GEOMETRY,
+    NETGEN,
+    UGRID,
+    PLOT3D,
     OPENFOAM,
     FOAM_FILE,
-    _named("a Nastran deck", (".bdf", ".nas"), rb"(?m)^(GRID\*?[ ,]|BEGIN BULK|CEND\b)", _BY_GMSH),
+    NASTRAN,
     _named(
         "a binary Medit mesh",
         (".meshb",),
@@ -95,27 +103,21 @@ FORMATS: tuple[Format, ...] = (
         rb"\A[ \t]*\d+([ \t]+\d+){2}[ \t\r]*\n([ \t]*[-+.\deE]+){2}[ \t]+\d+[ \t\r]*\n",
         'FreeFEM writes it with its labels: load "iovtk", savevtk("mesh.vtu", Th)',
     ),
-    _named("a Netgen mesh", (".vol",), rb"\A\s*mesh3d", _BY_NETGEN),
     _named("a Tecplot file", (".plt", ".tec"), rb"(?i)\A(#!TDV|(\s|#.*\n)*(TITLE|VARIABLES)\s*=)", _BY_PARAVIEW),
-    _named(
-        "an AVS UCD file",
-        (".inp", ".ucd"),
-        rb"\A(\x07|(\s|#.*\n)*\d+([ \t]+\d+){4}[ \t\r]*\n[ \t]*\d+([ \t]+[-+.\deE]+){3}[ \t\r]*\n)",
-        _BY_PARAVIEW,
-    ),
+    UCD,
+    _named("a binary AVS UCD file", (".inp", ".ucd"), rb"\A\x07", _BY_PARAVIEW),
     _named("an Ansys deck", (".cdb",), rb"(?im)^(/PREP7|NBLOCK,|/COM,\s*ANSYS)", _BY_ITS_PROGRAM),
     _named("a STAR-CCM+ mesh", (".ccm", ".ccmg"), rb"ADF", _BY_ITS_PROGRAM),
+    _named("a STAR-CD mesh", (".vrt", ".cel", ".bnd"), rb"\APROSTAR_", "star4ToFoam of OpenFOAM makes a case of it"),
     _named("a Gambit mesh", (".neu",), rb"\A\s*CONTROL INFO", _BY_ITS_PROGRAM),
     _named(
         "a COMSOL mesh",
         (".mphtxt", ".mphbin"),
         rb"\A# .* COMSOL",
-        "COMSOL exports Nastran, which Gmsh reads",
+        "COMSOL exports Nastran, which is read",
     ),
     _named("a mesh of DOLFIN", (".xml",), rb"<dolfin\b", _BY_MESHIO),
-    _named("a mesh of TetGen", (".node", ".ele", ".poly", ".smesh"), rb"(?!)", "tetgen -k writes .vtk"),
-    _named("a UGRID mesh", (".ugrid",), rb"(?!)", _BY_MESHIO),
-    _named("a Plot3D grid", (".xyz", ".p3d", ".x"), rb"(?!)", "plot3d_to_cgns of CGNS' tools, or ParaView"),
+    _named("a mesh of TetGen", (".node", ".ele", ".poly", ".smesh"), rb"(?!)", "tetgen -g writes Medit's .mesh"),
     _named("a surface (STL)", (".stl",), rb"\A\s*solid\b[^$]*\bfacet\s+normal", _MESHED),
     _named("a surface (PLY)", (".ply",), rb"\Aply\r?\n", _MESHED),
     _named("a surface (OFF)", (".off",), rb"\AOFF\s", _MESHED),
@@ -123,6 +125,8 @@ FORMATS: tuple[Format, ...] = (
     _named("a geometry (STEP)", (".step", ".stp"), rb"\A\s*ISO-10303-21", _MESHED),
     _named("a geometry (IGES)", (".iges", ".igs"), rb"\A.{72}S\s*1\s", _MESHED),
     _named("a geometry (BREP)", (".brep", ".brp"), rb"\A\s*(DBRep_DrawableShape|CASCADE Topology)", _MESHED),
+    _named("a geometry of Netgen", (".in2d", ".geo"), rb"\A(\s|#.*\n)*(splinecurves|algebraic3d)", _IN_NETGEN),
+    _named("an input of ElmerGrid", (".grd",), rb"(?m)^(Version = \d|Coordinate System = )", "ElmerGrid 1 2 FILE"),
     _named("a file of OpenFOAM", (), rb"(?m)^FoamFile\b", "give the folder of its case"),
     _named(
         "a geometry of Gmsh",

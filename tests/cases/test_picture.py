@@ -95,3 +95,15 @@ def test_a_small_moving_part_of_a_long_domain_is_shown_alone() -> None:
     )
     low, high = choose_window(long[0], long[1], None)
     assert high[0] - low[0] < 2.0
+
+
+def test_nodes_that_move_at_one_place_have_a_picture() -> None:
+    before, after = snapshots("quad")
+    one = np.arange(len(before.points)) == 0
+    resting = replace(after, points=before.points, moving=one)
+    pair = MeshPair("one", "size-skew", replace(before, moving=one), resting, ("before", "after"))
+    low, high = choose_window(pair.before, pair.after, None)
+    assert (high > low).all()
+    page = Page(190.0)
+    with styled(page):
+        draw_before_after(pair, page).draw_without_rendering()

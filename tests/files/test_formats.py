@@ -55,7 +55,7 @@ _CORNERS = {
 }
 
 #: Files in which the names have another length, or that say their alphabet.
-_BINARY = ("h5", ".e", ".exo", ".med", ".cgns", ".npz", ".vtu", "hdf", "xdmf", ".xmf")
+_BINARY = ("h5", ".e", ".exo", ".med", ".cgns", ".npz", ".vtu", "hdf", "xdmf", ".xmf", ".ugrid")
 
 
 @pytest.mark.parametrize("name", WRITERS)
@@ -167,17 +167,15 @@ def test_vtk_reads_the_same_cells_of_fluent(tmp_path: Path) -> None:
     [
         ("m.msh", "solid x\n facet normal 0 0 1\n", r"a surface \(STL\), which is not read \(it has no cells"),
         ("m.meshb", "\1\0\0\0\2\0\0\0", r"a binary Medit mesh, which is not read \(its program writes text too"),
-        ("m.bdf", "SOL 101\nCEND\nBEGIN BULK\n", r"a Nastran deck, which is not read"),
         (
             "m.mesh",
             "MFEM NURBS mesh v1.0\n",
             r"an MFEM mesh of another kind, which is not read \(versions .* are read; .* MFEM writes",
         ),
         ("m.msh", "3 1 3\n0 0 1\n1 0 1\n", r"a FreeFEM mesh, which is not read .*savevtk"),
-        ("m.vol", "mesh3d\ndimension\n3\n", r"a Netgen mesh, .*Export Mesh"),
         ("m.ccm", "@(#)ADF Database Version A02011>", r"a STAR-CCM\+ mesh, which is not read"),
         ("m.dat", 'TITLE = "x"\n', "a Tecplot file, which is not read"),
-        ("m.inp", "# made by x\n 4 1 0 0 0\n 1 0. 0. -1e-3\n", "an AVS UCD file, which is not read"),
+        ("m.inp", "\7\4\0\0\0", "a binary AVS UCD file, which is not read"),
         ("m.ply2", "3\n1\n0 0 0\n1 0 0\n", "unknown kind of mesh file; known are"),
         ("m.txt", "4 1 0 0 0\n4 1 0 0 0\n", "unknown kind of mesh file; known are"),
         ("m.geo", "Point(1) = {0, 0, 0};", r"a geometry of Gmsh, which is not read \(mesh it"),
@@ -199,12 +197,13 @@ def test_vtk_reads_the_same_cells_of_fluent(tmp_path: Path) -> None:
         ("m.inp", "*KEYWORD\n*NODE\n 1 0. 0. 0.\n", "an LS-DYNA deck, which is not read"),
         ("m.inp", "*NODE\n 1 0. 0. 0.\n*ELEMENT_SHELL\n", "an LS-DYNA deck, which is not read"),
         ("m.msh", "/PREP7\nNBLOCK,6,SOLID,8,8\n", "an Ansys deck, which is not read"),
+        ("m.vrt", "PROSTAR_VERTEX\n4000 0 0", r"a STAR-CD mesh, which is not read \(star4ToFoam"),
         ("m.neu", "        CONTROL INFO 2.4.6\n", "a Gambit mesh, which is not read"),
         ("m.txt", "# Created by COMSOL Multiphysics.\n", "a COMSOL mesh, which is not read"),
         ("m.xml", '<dolfin><mesh celltype="triangle" dim="2">', "a mesh of DOLFIN, which is not read"),
-        ("m.node", "4 3 0 0\n", "a mesh of TetGen, which is not read"),
-        ("m.b8.ugrid", "\0\0\0\x08", "a UGRID mesh, which is not read"),
-        ("m.xyz", "1\n2 2 2\n", "a Plot3D grid, which is not read"),
+        ("m.node", "4 3 0 0\n", r"a mesh of TetGen, which is not read \(tetgen -g"),
+        ("m.in2d", "splinecurves2dv2\n", r"a geometry of Netgen, which is not read \(mesh it in Netgen"),
+        ("m.grd", "Version = 210903\nCoordinate System = Cartesian 2D\n", r"an input of ElmerGrid, .*\(ElmerGrid 1 2"),
         ("m.msh", "# by x\no Cube\nv 0 0 -1e-3\n", r"a surface \(OBJ\), which is not read"),
         ("m.ply", "ply\nformat ascii 1.0\n", r"a surface \(PLY\), which is not read"),
         ("m.off", "OFF\n3 1 0\n", r"a surface \(OFF\), which is not read"),

@@ -526,6 +526,44 @@ def ensight_binary(path: Path, order: str = "<") -> None:
     )
 
 
+def ugrid_text(path: Path) -> None:
+    """UGRID as text, and FUN3D's names in its file."""
+    path.write_text(_ugrid(rows))
+    _mapbc(path.with_suffix(".mapbc"))
+
+
+def ugrid_binary(path: Path) -> None:
+    """The same in C binary, little endian."""
+    parts: list[bytes] = []
+    _ugrid(lambda values: parts.append(values.astype("<f8" if values.dtype.kind == "f" else "<i4").tobytes()) or "")
+    path.write_bytes(b"".join(parts))
+    _mapbc(path.with_name(path.name.replace(".lb8.ugrid", ".mapbc")))
+
+
+def _ugrid(put: Callable[[NDArray[Any]], str]) -> str:
+    outer = [face for face in FACES if face.patch]
+    counts = np.array([[N**3, 0, len(outer), 0, 0, 0, len(CELLS)]])
+    tags = np.array([[10 * (1 + list(PATCHES).index(face.patch))] for face in outer])
+    return "".join(map(put, [counts, POINTS, np.array([face.nodes for face in outer]) + 1, tags, CELLS + 1]))
+
+
+def _mapbc(path: Path) -> None:
+    path.write_text("3\n10 5000 far\n20 6662 sides\n30 4000 wall ! viscous\n")
+
+
+def netgen(path: Path) -> None:
+    """Netgen's .vol with names of the boundary conditions."""
+    outer = [face for face in FACES if face.patch]
+    faces = [[1, 1 + list(PATCHES).index(face.patch), 1, 0, 4, *(node + 1 for node in face.nodes)] for face in outer]
+    names = "".join(f"{number}\t{name}\n" for number, name in enumerate(PATCHES, start=1))
+    cells = np.hstack([np.full((8, 2), (1, 8)), CELLS + 1])
+    path.write_text(
+        "# by hand\n\nmesh3d\ndimension\n3\ngeomtype\n0\n\n# surfnr bcnr domin domout np p1\n"
+        f"surfaceelements\n{len(outer)}\n{rows(faces)}\n\nvolumeelements\n8\n{rows(cells)}\n"
+        f"points\n{N**3}\n{rows(POINTS)}\nbcnames\n3\n{names}\nendmesh\n"
+    )
+
+
 #: {file: writer}; every file holds POINTS, CELLS and PATCHES.
 WRITERS: dict[str, Callable[[Path], None]] = {
     "box.msh": fluent,
@@ -552,4 +590,7 @@ WRITERS: dict[str, Callable[[Path], None]] = {
     "box_h5.xdmf": xdmf_hdf5,
     "box.xmf": xdmf_binary,
     "box.geo": ensight,
+    "box.ugrid": ugrid_text,
+    "box.lb8.ugrid": ugrid_binary,
+    "box.vol": netgen,
 }

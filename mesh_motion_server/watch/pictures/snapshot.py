@@ -15,6 +15,8 @@ _CROP_BELOW = 0.4
 _STILL = 1e-6
 #: Width of the surroundings around the moving nodes, as a share of their largest extent.
 _MARGIN = 0.5
+#: The least margin, as a share of the whole picture: nodes may move at one place only.
+_LEAST_MARGIN = 0.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +118,7 @@ def _around(moving: Floats, low: Floats, high: Floats) -> Floats:
     """(2, d) box around places (k, d), or the box from ``low`` to ``high`` if that is not much larger."""
     if not len(moving):
         return np.array([low, high])
-    margin = _MARGIN * float(np.ptp(moving, axis=0).max())
+    margin = max(_MARGIN * float(np.ptp(moving, axis=0).max()), _LEAST_MARGIN * float((high - low).max()))
     near_low, near_high = np.maximum(moving.min(axis=0) - margin, low), np.minimum(moving.max(axis=0) + margin, high)
     is_small = np.prod(near_high - near_low) < _CROP_BELOW * np.prod(high - low)
     return np.array([near_low, near_high] if is_small else [low, high])

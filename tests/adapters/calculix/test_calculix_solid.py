@@ -312,5 +312,6 @@ def test_folder_is_one_runs(flap, tmp_path):
 def test_start_of_the_readme_runs(tmp_path, monkeypatch, capsys):
     text = (ADAPTER / "README.md").read_text()
     monkeypatch.chdir(tmp_path)
-    exec(text.split("```python\n")[1].split("```")[0], {})
-    assert capsys.readouterr().out.startswith("t = 0.10 s, tip at x = 0.0")
+    for _ in range(2):  # the second time all windows are accepted
+        exec(text.split("```python\n")[1].split("```")[0], {})
+        assert capsys.readouterr().out.startswith("t = 0.10 s, tip at x = 0.0004")
