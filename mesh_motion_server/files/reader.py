@@ -1,5 +1,6 @@
 """One reader for every mesh file. The beginning of a file decides on its format; if it is unknown, the suffix."""
 
+import os
 from pathlib import Path
 
 from mesh_motion_protocol.errors import InvalidInput
@@ -82,7 +83,7 @@ def _head(path: Path) -> bytes:
     """The beginning of a file; the names in a folder, one a line."""
     try:
         if path.is_dir():
-            return "\n".join(sorted(entry.name for entry in path.iterdir())).encode()
+            return b"\n".join(sorted(os.listdir(os.fsencode(path))))
         with path.open("rb") as file:
             return file.read(HEAD_BYTES)
     except OSError as error:

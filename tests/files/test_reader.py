@@ -26,6 +26,12 @@ def test_a_folder_is_no_mesh(tmp_path: Path, suffix: str) -> None:
         read_mesh(tmp_path / f"folder{suffix}")
 
 
+def test_a_folder_with_a_name_that_is_not_in_utf_8(tmp_path: Path) -> None:
+    (tmp_path / "a\udc80b").touch()
+    with pytest.raises(InvalidInput, match="neither an OpenFOAM case nor a polyMesh folder"):
+        read_mesh(tmp_path)
+
+
 def test_reading_imports_neither_h5py_nor_gmsh() -> None:
     """Both packages are extras; only reading HDF5 needs one."""
     code = "import sys, mesh_motion_server.files; sys.exit('h5py' in sys.modules or 'gmsh' in sys.modules)"
