@@ -307,3 +307,32 @@ def test_a_folder_with_the_name_of_another_session_is_refused(store: SessionStor
     with pytest.raises(DataLoss, match=f"the folder {OTHER} holds session {SESSION}"):
         load(store, OTHER)
     load(store)
+
+
+@pytest.mark.parametrize("empty", [False, True])
+def test_a_state_folder_that_was_unmounted_has_not_lost_its_sessions(tmp_path: Path, empty: bool) -> None:
+    """NOT_FOUND would let a client begin again, and OPEN would store sessions below the mount's place."""
+    (root := tmp_path / "state").mkdir()
+    store = SessionStore(root)
+    build(store)
+    root.rename(tmp_path / "away")
+    if empty:
+        root.mkdir()
+    asks: list[Callable[[], object]] = [
+        lambda: store.open(SESSION, TOKEN),
+        lambda: store.owner(SESSION),
+        store.names,
+        store.sweep,
+        lambda: store.create(make_spec(OTHER)),
+        lambda: store.discard(SESSION),
+    ]
+    for ask in asks:
+        with pytest.raises(ResourceExhausted, match="state: it was moved or unmounted") as caught:
+            ask()
+        assert caught.value.code == "RESOURCE_EXHAUSTED.DISK"
+    assert not empty or os.listdir(root) == []
+    if empty:
+        root.rmdir()
+    (tmp_path / "away").rename(root)
+    assert [found.state for found in store.sessions()] == [State.READY]
+    load(store)
