@@ -7,6 +7,7 @@ refused with one line that names the key, the value and what was expected.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
@@ -152,6 +153,13 @@ class ServerSettings(_Strict):
     def _each_once(cls, value: list[str]) -> list[str]:
         if len(set(value)) < len(value):
             raise ValueError("each level once")
+        return value
+
+    @field_validator("state_folder", "keys_folder")
+    @classmethod
+    def _in_utf_8(cls, value: Path | None) -> Path | None:
+        if value is not None and any("\ud800" <= letter <= "\udfff" for letter in os.path.expanduser(value)):
+            raise ValueError("a path in UTF-8")  # workers get the settings as JSON
         return value
 
     def limits(self) -> dict[str, int]:

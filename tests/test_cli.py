@@ -235,6 +235,16 @@ def test_a_defect_is_status_70_and_asks_to_be_reported(run: Run, monkeypatch: py
     assert "please report" in err
 
 
+def test_a_message_with_a_very_long_value_keeps_its_beginning_and_its_way_out(run: Run, tmp_path: Path) -> None:
+    text = ROTATION.read_text().replace("[steps]", f'[steps]\ncount = "{"(" * 100_000}"')
+    (tmp_path / "case.toml").write_text(re.sub(r"\ncount = \d+", "", text))
+    status, _, error = run("check", tmp_path / "case.toml")
+    line = one_line(error)
+    assert status == ExitStatus.INVALID
+    assert len(line) < 2000
+    assert re.match(r"mesh-motion: .*case\.toml: .* … \(\d{5,} characters\) … ", line)
+
+
 def test_the_table_of_statuses_is_the_enumeration() -> None:
     documented = {int(number) for number in re.findall(r"^(\d+) ", str(outcome.__doc__), re.MULTILINE)}
     assert documented == {int(status) for status in ExitStatus}

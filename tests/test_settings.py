@@ -99,6 +99,18 @@ def test_server_settings_are_as_strict(values: dict[str, Any]) -> None:
         ServerSettings.from_mapping(values)
 
 
+@pytest.mark.parametrize("key", ["state_folder", "keys_folder"])
+def test_a_folder_whose_name_is_not_in_utf_8_is_refused(key: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The server would start, and end at the first OPEN."""
+    with pytest.raises(InvalidInput, match=f"setting '{key}': expected a path in UTF-8"):
+        ServerSettings.from_mapping({key: "/var/a\udc80b"})
+    monkeypatch.setenv("HOME", "/home/\udc80")
+    with pytest.raises(InvalidInput, match="expected a path in UTF-8"):
+        ServerSettings.from_mapping({key: "~/sessions"})
+    monkeypatch.undo()
+    assert ServerSettings.from_mapping({key: "/var/ü b\n"})
+
+
 def test_durability() -> None:
     assert check_durability("") == DURABILITY_LEVELS[0] == check_durability("full") == "full"
     with pytest.raises(InvalidInput, match="offered are full, replay, relaxed"):

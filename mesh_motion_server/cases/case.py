@@ -4,6 +4,7 @@ All lengths are in the mesh's unit, angles in degrees. Every patch of the mesh n
 """
 
 import math
+import stat
 import tomllib
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -232,6 +233,8 @@ def read_case(path: Path | str) -> Case:
     """
     path = Path(path)
     try:
+        if not (stat.S_ISREG(mode := path.stat().st_mode) or stat.S_ISDIR(mode)):
+            raise OSError("it is a pipe or a device, expected a file")
         values = read_toml(path.read_text(encoding="utf-8"))
         content = CaseFile.model_validate(values)
     except OSError as error:

@@ -161,8 +161,9 @@ def _report(path: Path, mesh: MeshFile, case: Case | None, warnings: list[str] |
         if not patches:
             boundary = boundary_nodes(oriented(mesh.points, mesh.cell_table).cells)
             patches = {"boundary": Patch("moving", boundary)}
-        cells, sizes, noticed, *_ = checked_mesh(mesh.points, mesh.cell_table, patches)
-        warnings += noticed
+        checked = checked_mesh(mesh.points, mesh.cell_table, patches)
+        cells, sizes = checked.cells, checked.reference_sizes
+        warnings += checked.warnings
         if OneLayer.find(mesh.points, cells, patches) is not None:
             warnings.append(AS_A_PLANE)
         split = BoundaryRoles.from_patches(patches)
@@ -171,11 +172,11 @@ def _report(path: Path, mesh: MeshFile, case: Case | None, warnings: list[str] |
         raise InvalidInput(f"{mesh.path}: {error.message}", code=error.code, hint=error.hint) from None
     method = Method() if case is None else case.content.method.to_method()
     if case is not None:
-        check_method(method, mesh.points, split)
+        check_method(method, *split.without(mesh.points, checked.loose))
     quality = cell_quality(mesh.points, cells, sizes)
     radius = None if case is None else case.content.method.support_radius
     unnamed = replace(method, support_radius=None)
-    suggested = with_reach(unnamed, mesh.points, split, periodic=periodic is not None)[0]
+    suggested = with_reach(unnamed, *split.without(mesh.points, checked.loose), periodic=periodic is not None)[0]
     control = mesh.points[split.all]
     return CheckReport(
         path=path,

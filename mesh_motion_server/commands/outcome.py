@@ -30,6 +30,10 @@ if TYPE_CHECKING:
 __all__ = ["ExitStatus", "complain", "say", "say_json", "show", "status_of"]
 
 
+#: Largest number of characters of a message.
+_MOST_CHARACTERS = 2000
+
+
 class ExitStatus(IntEnum):
     """Exit statuses; statuses from 64 on have the meaning of sysexits.h."""
 
@@ -62,8 +66,11 @@ def status_of(code: str) -> ExitStatus:
 
 
 def complain(message: str) -> None:
-    """Print one line on standard error."""
-    sys.stderr.write(f"mesh-motion: {plain(' '.join(message.split()))}\n")
+    """Print one line on standard error; of a very long one, such as a value of a file, its beginning and its end."""
+    line = plain(" ".join(message.split()))
+    if len(line) > _MOST_CHARACTERS:
+        line = f"{line[: _MOST_CHARACTERS // 2]} … ({len(line)} characters) … {line[-_MOST_CHARACTERS // 4 :]}"
+    sys.stderr.write(f"mesh-motion: {line}\n")
 
 
 def say(text: object) -> None:

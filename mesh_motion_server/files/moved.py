@@ -20,9 +20,18 @@ from mesh_motion_protocol.errors import InvalidInput
 from mesh_motion_server.files.packages import load_h5py
 from mesh_motion_server.files.replace import replaced_by_name, replacing
 
-__all__ = ["Place", "copied_hdf5", "edit", "edit_lines", "move_rows", "replaced"]
+__all__ = ["Place", "companions", "copied_hdf5", "edit", "edit_lines", "move_rows", "replaced"]
 
 _NUMBER = re.compile(rb"[^\s,()]+")
+#: Characters that have a meaning in XDMF or EnSight's case files, or that no text in UTF-8 has.
+_NO_NAME = re.compile(r"[\x00-\x1f\x7f\ud800-\udfff&<>:*?\"]")
+
+
+def companions(target: Path) -> str:
+    """The beginning of the names of further files, which the text of ``target`` will contain."""
+    if odd := _NO_NAME.search(target.stem):
+        raise InvalidInput(f"{target}: it names its other files after itself, without {odd[0]!r}", hint="rename it")
+    return target.stem
 
 
 @dataclass(frozen=True)

@@ -1,5 +1,7 @@
 """One reader for every mesh file. The beginning of a file decides on its format; if it is unknown, the suffix."""
 
+import os
+from dataclasses import replace
 from pathlib import Path
 
 from mesh_motion_protocol.errors import InvalidInput
@@ -10,6 +12,9 @@ from mesh_motion_server.files.mesh_file import MeshFile
 from mesh_motion_server.files.openfoam.polymesh import OPENFOAM
 
 __all__ = ["SUFFIXES", "format_of", "is_mesh", "read_mesh"]
+
+#: Most bytes of a patch's name in messages.
+_NAME_BYTES = 256
 
 SUFFIXES = tuple(dict.fromkeys(suffix for one in FORMATS if one.read for suffix in one.suffixes))
 
@@ -41,9 +46,23 @@ def read_mesh(path: Path | str, zone: str = "") -> MeshFile:
     if zone and not found.zoned:
         raise InvalidInput(f"{path}: zone {zone!r} is asked for, but {found.name} has no zones", hint="leave zone out")
     try:
-        return found.read(path, zone) if found.zoned else found.read(path)
+        return _with_names(found.read(path, zone) if found.zoned else found.read(path))
     except OSError as error:
         raise InvalidInput(f"{path}: cannot be read: {error.strerror or error}") from None
+
+
+def _with_names(mesh: MeshFile) -> MeshFile:
+    """The mesh without patches whose name no session can have."""
+    sizes = {name: len(name.encode(errors="replace")) for name in mesh.patches}
+    odd = [name for name, size in sizes.items() if not 0 < size <= _NAME_BYTES]
+    if not odd:
+        return mesh
+    patches = {name: nodes for name, nodes in mesh.patches.items() if name not in odd}
+    notes = [
+        f"the patch {name[:40]!r} is left out: its name has {sizes[name]} bytes, expected 1 to {_NAME_BYTES}"
+        for name in odd
+    ]
+    return replace(mesh, patches=patches, notes=(*mesh.notes, *notes))
 
 
 def format_of(path: Path) -> Format:
@@ -82,7 +101,7 @@ def _head(path: Path) -> bytes:
     """The beginning of a file; the names in a folder, one a line."""
     try:
         if path.is_dir():
-            return "\n".join(sorted(entry.name for entry in path.iterdir())).encode()
+            return b"\n".join(sorted(os.listdir(os.fsencode(path))))
         with path.open("rb") as file:
             return file.read(HEAD_BYTES)
     except OSError as error:

@@ -130,7 +130,7 @@ class Listing:
         Raises
         ------
         DataLoss
-            If the file cannot be read, or does not have the digest in the journal.
+            If the file cannot be read, does not have the digest in the journal, or is another session's.
         """
 
         try:
@@ -145,6 +145,8 @@ class Listing:
             check_digest(raw, digest)  # first: damage must not be reported as another version
         if isinstance(spec, DataLoss):
             raise spec
+        if spec.session != folder.name:
+            raise DataLoss(f"the folder {folder.name} holds session {spec.session}", hint=_HINT, details={"file": SPEC})
         return spec
 
     def _read_spec(self, folder: Path) -> tuple[bytes, StoredSpec | DataLoss]:

@@ -16,6 +16,7 @@ durable, cannot be resumed, and its folder is removed when no process holds it. 
 """
 
 import contextlib
+import errno
 import hashlib
 import os
 import re
@@ -178,6 +179,7 @@ class SessionStore:
         self._sessions = self.root / "sessions"
         self._listing = Listing(self._files)
         self._names: Remembered[list[str]] = Remembered(1)
+        self._identity = _identity(self.root)
 
     def create(self, spec: SessionSpec) -> SessionFolder:
         """Make a folder for a new session, held by this process.
@@ -192,6 +194,7 @@ class SessionStore:
         path = self._path(spec.session)
         lock, made = None, False
         try:
+            self._require_same_root()
             make_durable_folder(self._files, self._sessions)
             if self._files.exists(path):
                 raise SessionError(f"there is a session {spec.session!r} already", hint="take a new id")
@@ -279,6 +282,7 @@ class SessionStore:
         """
         try:
             failpoint("store.list")
+            self._require_same_root()
             return self._names.get(self._sessions, lambda: list(filter(_SESSION_ID.fullmatch, self._listed())))
         except OSError as error:
             raise _disk_error("the sessions cannot be listed", error) from error
@@ -320,6 +324,7 @@ class SessionStore:
         # rename first: a session that a crash has deleted in part is no session
         away = path.with_name(f"{session}.discarded")
         try:
+            self._require_same_root()
             if self._files.exists(path):
                 self._files.rename(path, away)
         except OSError as error:
@@ -377,6 +382,7 @@ class SessionStore:
             return False
         path = self._sessions / session
         try:
+            self._require_same_root()
             return self._files.exists(path) and not never_built(self._files, path)
         except OSError as error:
             raise _disk_error(f"session {session} cannot be read", error) from error
@@ -386,12 +392,30 @@ class SessionStore:
             raise _not_found(session)
         return self._sessions / session
 
+    def _require_same_root(self) -> None:
+        """Raise if the state folder was moved away or unmounted: nothing is known about its sessions then."""
+        now = _identity(self.root)
+        if self._identity is None:  # the first session makes it
+            self._identity = now
+        elif now != self._identity:
+            raise OSError(errno.ESTALE, "it was moved or unmounted", str(self.root))
+
     def _listed(self) -> list[str]:
         """The names in the folder of sessions; none if the folder does not exist yet."""
+        self._require_same_root()
         try:
             return sorted(self._files.names(self._sessions))
         except FileNotFoundError:
             return []
+
+
+def _identity(folder: Path) -> tuple[int, int] | None:
+    """Device and number of a folder; None if it is not there, or not in a file system of the operating system."""
+    try:
+        found = os.stat(folder)
+    except OSError:
+        return None
+    return found.st_dev, found.st_ino
 
 
 def _not_found(session: str) -> SessionError:

@@ -1,3 +1,4 @@
+import os
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -140,6 +141,11 @@ def test_a_missing_or_binary_case_file(tmp_path: Path) -> None:
         read_case(tmp_path / "none.toml")
     with pytest.raises(InvalidInput, match="cannot be read: Is a directory"):
         read_case(tmp_path)
+    os.mkfifo(tmp_path / "pipe.toml")
+    (tmp_path / "zero.toml").symlink_to("/dev/zero")
+    for name in ("pipe.toml", "zero.toml"):
+        with pytest.raises(InvalidInput, match="cannot be read: it is a pipe or a device"):
+            read_case(tmp_path / name)
     (tmp_path / "binary.toml").write_bytes(b"\xff\xfe\x00")
     with pytest.raises(InvalidInput, match="not a TOML file"):
         read_case(tmp_path / "binary.toml")

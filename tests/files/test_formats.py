@@ -1,5 +1,6 @@
 """Files of other programs: read with their patches, written back with moved nodes, refused in one clear line."""
 
+import os
 import re
 import subprocess
 import sys
@@ -79,6 +80,26 @@ def test_every_format_says_the_same_and_comes_back_with_moved_nodes(tmp_path: Pa
     write_mesh(tmp_path / f"back_{name}", replace(after, points=mesh.points))  # nothing but coordinates has changed
     if path.is_file() and not name.endswith(("h5", "hdf", "h5.xdmf", ".xmf", "cgns", "med", "exo", ".e", ".npz")):
         assert (tmp_path / f"back_{name}").read_bytes().split() == path.read_bytes().split()
+
+
+@pytest.mark.parametrize("stem", ["t\udc80", "a & b", "a<b", "a:b", "a\nb", 'a"b', "a*b", "a b"])
+@pytest.mark.parametrize("name", WRITERS)
+def test_a_target_with_any_name_comes_back_or_is_refused(tmp_path: Path, name: str, stem: str) -> None:
+    """Some formats have the names of their other files in their text."""
+    (path := tmp_path / "first" / name).parent.mkdir()
+    WRITERS[name](path)
+    if name == "box.geo":
+        path.with_suffix(".case").write_text("FORMAT\ntype: ensight gold\nGEOMETRY\nmodel: box.geo\n")
+        path = path.with_suffix(".case")
+    mesh, target = read_mesh(path), tmp_path / f"{stem}{path.suffix}"
+    moved = replace(mesh, points=mesh.points + 1.0)
+    if stem != "a b" and name in ("box_h5.xdmf", "box.xmf", "box.geo"):
+        with pytest.raises(InvalidInput, match="it names its other files after itself, without"):
+            write_mesh(target, moved)
+        assert os.listdir(tmp_path) == ["first"]
+        return
+    write_mesh(target, moved)
+    np.testing.assert_array_equal(read_mesh(target).points, moved.points)
 
 
 @pytest.mark.parametrize("name", [name for name in WRITERS if not name.endswith(_BINARY)])

@@ -7,7 +7,7 @@ import pytest
 from mesh_files import refused_when_damaged
 from mesh_motion_protocol.errors import InvalidInput
 
-from mesh_motion_server.files import read_mesh
+from mesh_motion_server.files import MeshFile, read_mesh, write_mesh
 from mesh_motion_server.files.reader import SUFFIXES
 
 
@@ -24,6 +24,27 @@ def test_a_folder_is_no_mesh(tmp_path: Path, suffix: str) -> None:
     (tmp_path / f"folder{suffix}").mkdir()
     with pytest.raises(InvalidInput, match="neither an OpenFOAM case nor a polyMesh folder"):
         read_mesh(tmp_path / f"folder{suffix}")
+
+
+def test_a_folder_with_a_name_that_is_not_in_utf_8(tmp_path: Path) -> None:
+    (tmp_path / "a\udc80b").touch()
+    with pytest.raises(InvalidInput, match="neither an OpenFOAM case nor a polyMesh folder"):
+        read_mesh(tmp_path)
+
+
+@pytest.mark.parametrize("suffix", ["npz", "vtu"])
+def test_a_patch_whose_name_no_session_can_have_is_left_out_and_named(tmp_path: Path, suffix: str) -> None:
+    """`check` called such a mesh usable, and `play` refused it."""
+    points, quad = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]), np.array([[0, 1, 2, 3]])
+    names = ["", "ü" * 128, "ü" * 129]
+    patches = {name: np.array([number]) for number, name in enumerate(names)}
+    write_mesh(tmp_path / f"m.{suffix}", MeshFile(points, {"quad": quad}, patches, tmp_path))
+    mesh = read_mesh(tmp_path / f"m.{suffix}")
+    assert {name: nodes.tolist() for name, nodes in mesh.patches.items()} == {"ü" * 128: [1]}
+    assert mesh.notes == (
+        "the patch '' is left out: its name has 0 bytes, expected 1 to 256",
+        f"the patch '{'ü' * 40}' is left out: its name has 258 bytes, expected 1 to 256",
+    )
 
 
 def test_reading_imports_neither_h5py_nor_gmsh() -> None:

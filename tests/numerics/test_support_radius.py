@@ -4,6 +4,9 @@ import numpy as np
 import pytest
 from mesh_motion_numerics.interpolation.support_radius import suggest_enrichment_radius, suggest_support_radius
 from mesh_motion_numerics.mesh.roles import BoundaryRoles
+from mesh_motion_numerics.method import Method
+from mesh_motion_numerics.motion.motion import MotionModel
+from sliding_meshes import duct
 
 NONE = np.empty(0, dtype=np.int64)
 
@@ -53,3 +56,26 @@ def test_the_enrichment_radius_is_no_larger_than_the_support_radius_and_never_ze
     assert suggest_enrichment_radius(line, ends, 2.5) == 1.0
     assert suggest_enrichment_radius(line, ends, 0.3) == 0.3
     assert suggest_enrichment_radius(line, roles(11), 2.5) == 2.5
+
+
+@pytest.mark.parametrize(
+    "choices",
+    [
+        {},
+        {"correction": "none"},
+        {"correction": "optimised"},
+        {"correction": "explicit", "quality_threshold": 0.9, "allow_invalid": True},
+        {"displacement": "reanchored"},
+    ],
+    ids=str,
+)
+@pytest.mark.parametrize("far", [3.0, 1e3, 1e9])
+def test_a_node_in_no_cell_and_no_patch_changes_nothing_elsewhere(choices: dict[str, object], far: float) -> None:
+    """Such as the centre of an arc, or a reference node: in the box of the mesh it would change all radii."""
+    points, cells, patches = duct("quad", 10)
+    found = []
+    for mesh in (points, np.vstack([points, [far, -far]])):
+        model = MotionModel.build(mesh, cells, patches, Method(**choices))
+        moved = model.move(mesh, mesh[model.roles.moving] + [0.12, 0.2])
+        found.append(moved.points[: len(points)])
+    np.testing.assert_allclose(found[1], found[0], rtol=0, atol=1e-11)

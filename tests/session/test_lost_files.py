@@ -269,6 +269,11 @@ BAD = {
     "spec-folder": replace_by(Path.mkdir, SPEC),
     "spec-pipe": replace_by(os.mkfifo, SPEC),
     "spec-gone": replace_by(lambda path: None, SPEC),
+    "slot-1-folder": replace_by(Path.mkdir, "slot-1"),
+    "slot-1-pipe": replace_by(os.mkfifo, "slot-1"),
+    "slot-1-dangling": replace_by(lambda path: path.symlink_to("nowhere"), "slot-1"),
+    "mesh.bin-folder": replace_by(Path.mkdir, "mesh.bin"),
+    "mesh.bin-pipe": replace_by(os.mkfifo, "mesh.bin"),
 }
 
 
@@ -286,7 +291,48 @@ def test_one_bad_folder_is_named_and_the_rest_is_served(store: SessionStore, kin
         assert kind not in ("file", "dangling", "loop") or states[SESSION] == UNREADABLE
         with pytest.raises(MeshMotionError) as caught:
             load(store)
-        lost = caught.value.code == "DATA_LOSS.CHECKSUM"
-        assert lost or caught.value.code == "RESOURCE_EXHAUSTED.DISK"
-        assert lost or kind not in ("manifest-folder", "spec-folder", "spec-gone")
+        lost = not kind.endswith(("dangling", "loop", "file"))
+        assert caught.value.code == ("DATA_LOSS.CHECKSUM" if lost else "RESOURCE_EXHAUSTED.DISK")
+        assert kind.rpartition("-")[0] in str(caught.value)
+        assert states[SESSION] == (State.FAILED if lost else UNREADABLE)
     load(store, OTHER)
+
+
+def test_a_folder_with_the_name_of_another_session_is_refused(store: SessionStore) -> None:
+    """As when two folders were exchanged, or one was copied next to itself: two workers would write one session."""
+    folder = build(store)
+    shutil.copytree(folder, folder.with_name(OTHER))
+    states = {found.session: found.state for found in store.sessions()}
+    assert states == {SESSION: State.READY, OTHER: State.FAILED}
+    with pytest.raises(DataLoss, match=f"the folder {OTHER} holds session {SESSION}"):
+        load(store, OTHER)
+    load(store)
+
+
+@pytest.mark.parametrize("empty", [False, True])
+def test_a_state_folder_that_was_unmounted_has_not_lost_its_sessions(tmp_path: Path, empty: bool) -> None:
+    """NOT_FOUND would let a client begin again, and OPEN would store sessions below the mount's place."""
+    (root := tmp_path / "state").mkdir()
+    store = SessionStore(root)
+    build(store)
+    root.rename(tmp_path / "away")
+    if empty:
+        root.mkdir()
+    asks: list[Callable[[], object]] = [
+        lambda: store.open(SESSION, TOKEN),
+        lambda: store.owner(SESSION),
+        store.names,
+        store.sweep,
+        lambda: store.create(make_spec(OTHER)),
+        lambda: store.discard(SESSION),
+    ]
+    for ask in asks:
+        with pytest.raises(ResourceExhausted, match="state: it was moved or unmounted") as caught:
+            ask()
+        assert caught.value.code == "RESOURCE_EXHAUSTED.DISK"
+    assert not empty or os.listdir(root) == []
+    if empty:
+        root.rmdir()
+    (tmp_path / "away").rename(root)
+    assert [found.state for found in store.sessions()] == [State.READY]
+    load(store)

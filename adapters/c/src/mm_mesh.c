@@ -11,6 +11,9 @@
 #include <stdlib.h>
 #include <string.h>
 
+/* More than any machine holds: a count above it was negative. */
+#define MOST_ROWS ((size_t)1 << 48)
+
 /* --- what an earlier mesh and trial leave ------------------------------------------------------------------------- */
 
 void mmi_free_freed(freed *old)
@@ -51,6 +54,11 @@ void mmi_free_blocks(mm_session *session)
 
 mm_result mmi_add_block(mm_session *session, const block *added)
 {
+    if (added->rows > MOST_ROWS) {
+        mmi_fail(session->context, "INVALID_ARGUMENT", "a negative number is one of these",
+                 "%s: the number of rows is %zu, expected at most %zu", added->item, added->rows, MOST_ROWS);
+        return session->context->error;
+    }
     block *blocks =
         mmi_one_more(session->context, session->blocks, session->block_count, &session->block_capacity, sizeof *blocks);
     if (blocks) {
@@ -185,7 +193,7 @@ outcome mmi_check_rows(mm_context *context, const block *rows, size_t nodes, con
         }
         if (index < 0 || (uint64_t)index >= nodes) {
             return mmi_fail(context, "INVALID_ARGUMENT", "give numbers of nodes of this mesh",
-                            "%s must name nodes 0 ... %zu, got %" PRId64 " in row %zu", what, nodes - 1, index,
+                            "%s must name nodes below %zu, got %" PRId64 " in row %zu", what, nodes, index,
                             i / rows->columns);
         }
     }

@@ -224,6 +224,10 @@ static outcome send_request(mm_context *context, connection *connection, const r
     pack_header(&header, request);
     if (header.failed || request->fields.failed) {
         mmi_writer_free(&header);
+        if (request->fields.no_utf8[0]) {
+            return mmi_fail(context, "INVALID_ARGUMENT", "names, labels and settings are texts in UTF-8",
+                            "%s has a text that is not UTF-8: '%s'", request->type, request->fields.no_utf8);
+        }
         return mmi_fail(context, "RESOURCE_EXHAUSTED.BYTES", "", "the header of %s has more than %u bytes",
                         request->type, MMI_HEADER_BYTES);
     }

@@ -18,11 +18,20 @@ static outcome check_built(mm_session *session)
     return DONE;
 }
 
-static outcome check_move(mm_session *session, size_t moving, const double *displacement, size_t nodes,
+static outcome check_frame(const mm_session *session, mm_frame frame)
+{
+    return frame == MM_SINCE_COMMITTED || frame == MM_SINCE_REFERENCE
+               ? DONE
+               : mmi_fail(session->context, "INVALID_ARGUMENT", "give one of these",
+                          "expected MM_SINCE_COMMITTED or MM_SINCE_REFERENCE, got %d", (int)frame);
+}
+
+static outcome check_move(mm_session *session, mm_frame frame, size_t moving, const double *displacement, size_t nodes,
                           const double *to)
 {
     mm_context *context = session->context;
-    if (check_built(session) != DONE || mmi_check_shape(session, moving, nodes) != DONE) {
+    if (check_built(session) != DONE || check_frame(session, frame) != DONE
+        || mmi_check_shape(session, moving, nodes) != DONE) {
         return FAILED;
     }
     if (moving != session->moving_count || (session->nodes && nodes != session->nodes)) {
@@ -97,7 +106,7 @@ mm_result mm_move(mm_session *session, mm_frame frame, size_t moving, const doub
                   double *to)
 {
     BEGIN_SESSION(session);
-    if (check_move(session, moving, displacement, nodes, to) != DONE) {
+    if (check_move(session, frame, moving, displacement, nodes, to) != DONE) {
         return session->context->error;
     }
     answer moved = {0};
@@ -291,7 +300,8 @@ mm_result mm_rollback(mm_session *session)
 mm_result mm_fetch(mm_session *session, mm_frame which, size_t nodes, double *points)
 {
     BEGIN_SESSION(session);
-    if (mmi_check_joined(session) != DONE || mmi_check_shape(session, nodes, 0) != DONE) {
+    if (mmi_check_joined(session) != DONE || check_frame(session, which) != DONE
+        || mmi_check_shape(session, nodes, 0) != DONE) {
         return session->context->error;
     }
     if ((nodes && !points) || (session->nodes && nodes != session->nodes)) {

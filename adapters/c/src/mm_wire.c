@@ -71,9 +71,39 @@ void mmi_put_array(mmi_writer *writer, size_t items)
     put_head(writer, items < 16 ? 0x90u | (unsigned)items : 0xdcu, items, items < 16 ? 0 : 2);
 }
 
+/* SPEC 4.2: text is UTF-8; overlong forms, surrogates and values above U+10FFFF are invalid. */
+static int is_utf8(const uint8_t *text, size_t size)
+{
+    for (size_t i = 0; i < size;) {
+        uint8_t first = text[i++];
+        if (first < 0x80) {
+            continue;
+        }
+        size_t more = first >= 0xf0 ? 3 : first >= 0xe0 ? 2 : 1;
+        if (first < 0xc2 || first > 0xf4 || more > size - i) {
+            return 0;
+        }
+        uint8_t low = first == 0xe0 ? 0xa0 : first == 0xf0 ? 0x90 : 0x80;
+        uint8_t high = first == 0xed ? 0x9f : first == 0xf4 ? 0x8f : 0xbf;
+        if (text[i] < low || text[i] > high) {
+            return 0;
+        }
+        for (++i; --more; ++i) {
+            if (text[i] < 0x80 || text[i] > 0xbf) {
+                return 0;
+            }
+        }
+    }
+    return 1;
+}
+
 void mmi_put_text(mmi_writer *writer, const char *text)
 {
     size_t size = strlen(text);
+    if (!writer->failed && !is_utf8((const uint8_t *)text, size)) {
+        writer->failed = 1;
+        snprintf(writer->no_utf8, sizeof writer->no_utf8, "%s", text);
+    }
     if (size < 32) {
         put_head(writer, 0xa0u | (unsigned)size, 0, 0);
     } else {
@@ -144,32 +174,6 @@ static uint64_t take(cursor *in, size_t bytes)
         value = value << 8 | in->bytes[in->at++];
     }
     return value;
-}
-
-/* SPEC 4.2: text is UTF-8; overlong forms, surrogates and values above U+10FFFF are invalid. */
-static int is_utf8(const uint8_t *text, size_t size)
-{
-    for (size_t i = 0; i < size;) {
-        uint8_t first = text[i++];
-        if (first < 0x80) {
-            continue;
-        }
-        size_t more = first >= 0xf0 ? 3 : first >= 0xe0 ? 2 : 1;
-        if (first < 0xc2 || first > 0xf4 || more > size - i) {
-            return 0;
-        }
-        uint8_t low = first == 0xe0 ? 0xa0 : first == 0xf0 ? 0x90 : 0x80;
-        uint8_t high = first == 0xed ? 0x9f : first == 0xf4 ? 0x8f : 0xbf;
-        if (text[i] < low || text[i] > high) {
-            return 0;
-        }
-        for (++i; --more; ++i) {
-            if (text[i] < 0x80 || text[i] > 0xbf) {
-                return 0;
-            }
-        }
-    }
-    return 1;
 }
 
 static void take_string(cursor *in, mmi_node *node, mmi_kind kind, uint64_t size)

@@ -29,6 +29,7 @@ typedef struct {
     uint8_t *data;
     size_t size, capacity;
     int failed;
+    char no_utf8[64]; /* the beginning of a text that is not UTF-8, which no message may have */
 } mmi_writer;
 
 void mmi_writer_free(mmi_writer *writer);

@@ -9,8 +9,10 @@ from __future__ import annotations
 
 import os
 import struct
+import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 import zmq
 from mesh_motion_protocol.codec import decode, encode
@@ -29,7 +31,7 @@ from mesh_motion_protocol.shared_memory import SharedMemory
 
 from mesh_motion_client.keys import Keys
 
-__all__ = ["Connection", "ConnectionLost", "DamagedReply", "check_process", "seconds_left"]
+__all__ = ["Connection", "ConnectionLost", "DamagedReply", "check_process", "seconds_left", "turn"]
 
 #: Seconds of silence after which ``watch`` is called.
 _WATCH_SECONDS = 1.0
@@ -49,7 +51,7 @@ class DamagedReply(ServerFault):
 
 
 class Connection:
-    """A DEALER socket to one endpoint, used by one thread.
+    """A DEALER socket to one endpoint, used by one thread at a time.
 
     Parameters
     ----------
@@ -208,6 +210,22 @@ def check_process(process: int) -> None:
             code="FAILED_PRECONDITION",
             hint="connect in the child, and resume the session there with server.resume(session.credentials)",
         )
+
+
+@contextmanager
+def turn(lock: threading.RLock, deadline: float) -> Iterator[None]:
+    """Hold the lock in the block: two threads in one socket would take each other's replies, and wait for ever.
+
+    Raises
+    ------
+    Timeout
+    """
+    if not lock.acquire(timeout=min(seconds_left(deadline), threading.TIMEOUT_MAX)):
+        raise Timeout("another thread's request was not answered within the time allowed")
+    try:
+        yield
+    finally:
+        lock.release()
 
 
 def seconds_left(deadline: float) -> float:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import logging
 import os
+import threading
 import time
 import uuid
 from collections.abc import Callable
@@ -21,7 +22,7 @@ from mesh_motion_protocol.digests import request_digest
 from mesh_motion_protocol.errors import MeshMotionError, ProtocolError, Timeout, Unavailable
 from mesh_motion_protocol.messages import Message, Open, Resume
 
-from mesh_motion_client.connection import Connection, ConnectionLost, DamagedReply, check_process, seconds_left
+from mesh_motion_client.connection import Connection, ConnectionLost, DamagedReply, check_process, seconds_left, turn
 from mesh_motion_client.keys import Keys
 
 __all__ = ["Control"]
@@ -61,6 +62,7 @@ class Control:
         self.waits_until = 0.0
         self._keys = keys
         self._process = os.getpid()
+        self._turn = threading.RLock()
         self._client = uuid.uuid4().bytes
         self._sequence = 0
         self._unanswered: dict[bytes, int] = {}
@@ -76,6 +78,10 @@ class Control:
         """
         check_process(self._process)
         deadline = time.monotonic() + seconds
+        with turn(self._turn, deadline):
+            return self._asked(kind, expected, deadline, fields)
+
+    def _asked(self, kind: type[Message], expected: type[_Reply], deadline: float, fields: dict[str, Any]) -> _Reply:
         message = kind(client=self._client, sequence=self._sequence + 1, **fields)
         content = None
         if isinstance(message, _KEPT):

@@ -8,6 +8,7 @@ from its journal and the request is sent again; if a trial was lost, its MOVE an
 from __future__ import annotations
 
 import os
+import threading
 import time
 import uuid
 from dataclasses import replace
@@ -28,7 +29,7 @@ from mesh_motion_protocol.messages import (
     SessionMessage,
 )
 
-from mesh_motion_client.connection import Connection, ConnectionLost, DamagedReply, check_process, seconds_left
+from mesh_motion_client.connection import Connection, ConnectionLost, DamagedReply, check_process, seconds_left, turn
 from mesh_motion_client.control import Control
 from mesh_motion_client.credentials import Credentials
 from mesh_motion_client.reply_memory import ReplyMemory
@@ -74,6 +75,7 @@ class Courier:
         self.trial: tuple[SessionMessage, ...] = ()
         self.may_resume = False
         self._process = os.getpid()
+        self._turn = threading.RLock()
         self._control = control
         self._credentials = credentials
         self._partition = partition
@@ -140,7 +142,12 @@ class Courier:
         Unavailable, MeshMotionError
         """
         check_process(self._process)
-        deadline = self._control.waits_until = time.monotonic() + seconds
+        deadline = time.monotonic() + seconds
+        with turn(self._turn, deadline):
+            return self._delivered(message, kind, deadline)
+
+    def _delivered(self, message: SessionMessage, kind: type[_Reply], deadline: float) -> _Reply:
+        self._control.waits_until = deadline
         message = self._unanswered = self._numbered(message)
         broken: ConnectionLost | None = None
         for attempt in range(_ATTEMPTS):

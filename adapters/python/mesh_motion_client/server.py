@@ -46,7 +46,7 @@ _COLD_START_SECONDS = 300.0
 
 
 class Server(Described):
-    """A connection to a server; used by one thread. Made by :func:`connect`.
+    """A connection to a server; used by one thread at a time. Made by :func:`connect`.
 
     Attributes
     ----------

@@ -55,7 +55,7 @@ Scheme = Literal["", "tangent", "bdf1", "bdf2", "bossak"]
 
 
 class Session(OpenedSession):
-    """One partition's view of a session; used by one thread. Made by :class:`.server.Server`.
+    """One partition's view of a session; used by one thread at a time. Made by :class:`.server.Server`.
 
     Attributes
     ----------

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from mesh_motion_server.files.format import Format
 from mesh_motion_server.files.mesh_file import MeshFile, assemble_elements, by_name
-from mesh_motion_server.files.moved import edit
+from mesh_motion_server.files.moved import companions, edit
 from mesh_motion_server.files.replace import replacing
 from mesh_motion_server.files.text import text_of
 from mesh_motion_server.files.vtk.grid import KNOWN_TYPES, lattice, structured_cells
@@ -332,12 +332,13 @@ def _move(source: Path, target: Path, points: Floats) -> None:
 def _move_case(source: Path, target: Path, points: Floats) -> None:
     """Write the case with the moved geometry in a file of the same name, without results."""
     content = source.read_bytes()
-    geometry, name = _geometry(source, content)[0], f"{target.stem}.geo"
+    geometry, name = _geometry(source, content)[0], f"{companions(target)}.geo"
     if (target.parent / name).resolve() == geometry.resolve() and source.resolve() != target.resolve():
         raise InvalidInput(f"{target}: {name} would replace the geometry of {source}", hint="take another name")
     _move(geometry, target.parent / name, points)
+    quoted = f'"{name}"' if " " in name else name
     with replacing(target) as file:
-        file.write(f"FORMAT\ntype: ensight gold\n\nGEOMETRY\nmodel: {name}\n".encode())
+        file.write(f"FORMAT\ntype: ensight gold\n\nGEOMETRY\nmodel: {quoted}\n".encode())
 
 
 ENSIGHT = Format(

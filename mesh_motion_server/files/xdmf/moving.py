@@ -9,7 +9,7 @@ from xml.parsers import expat
 from mesh_motion_numerics.arrays import Floats
 from mesh_motion_protocol.errors import InvalidInput
 
-from mesh_motion_server.files.moved import Place, copied_hdf5, edit, replaced
+from mesh_motion_server.files.moved import Place, companions, copied_hdf5, edit, replaced
 from mesh_motion_server.files.replace import replaced_by_name
 from mesh_motion_server.files.xdmf.document import Document, dtype_of, item_type, kind_of
 from mesh_motion_server.files.xdmf.grids import WIDTHS, by_points
@@ -97,7 +97,7 @@ def _copies(file: Document, items: list[ElementTree.Element], target: Path) -> d
         name = _named(item)[0]
         if name and name not in names:
             file.file_of_numbers(name)
-            names[name] = f"{target.stem}{f'_{len(names)}' if names else ''}{Path(name).suffix}"
+            names[name] = f"{companions(target)}{f'_{len(names)}' if names else ''}{Path(name).suffix}"
     for name, new in names.items():
         place = target.parent / new
         other = next(

@@ -7,6 +7,7 @@ loses power between any two operations, or by one whose operations fail: so the 
 import errno
 import fcntl
 import os
+import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -48,7 +49,7 @@ class FileSystem(Protocol):
         ...
 
     def open(self, path: Path, *, writable: bool = True) -> int:
-        """Return the handle of an existing file."""
+        """Return the handle of an existing regular file; EISDIR if it is anything else, ELOOP for a link."""
         ...
 
     def size(self, handle: int) -> int:
@@ -155,9 +156,14 @@ _REPLACED = (errno.ENOENT, errno.EISDIR)
 def unreadable(what: str, error: OSError) -> DataLoss:
     """Make the error for a failed read: nothing is known to be lost, unless the file is missing or replaced."""
     if error.errno in _REPLACED:
-        missing = f"{os.path.basename(os.fsdecode(error.filename))}: " if error.filename else ""
-        return DataLoss(f"{what} cannot be read: {missing}{error.strerror or error}")
+        return DataLoss(f"{what} cannot be read: {_said(error)}")
     return disk_failure(DataLoss, f"{what} cannot be read", error)
+
+
+def _said(error: OSError) -> str:
+    """The system's message, after the file's name if the error has one."""
+    name = f"{os.path.basename(os.fsdecode(error.filename))}: " if error.filename else ""
+    return f"{name}{error.strerror or error}"
 
 
 def disk_failure(
@@ -167,10 +173,10 @@ def disk_failure(
     consequence: str = "",
     hint: str = "check the disk that holds the state folder, then try again",
 ) -> _Error:
-    """Make the error for a failed disk operation: the system's message, the error's name, the consequence."""
+    """Make the error for a failed disk operation: the file, the system's message and error name, the consequence."""
     name = errno.errorcode.get(error.errno or 0, "unknown")
     return kind(
-        f"{doing}: {error.strerror or error} ({name}){consequence}",
+        f"{doing}: {_said(error)} ({name}){consequence}",
         code="RESOURCE_EXHAUSTED.DISK",
         hint=hint,
         details={"errno": name},
@@ -197,7 +203,16 @@ class PosixFileSystem:
         return handle
 
     def open(self, path: Path, *, writable: bool = True) -> int:
-        return os.open(path, (os.O_RDWR if writable else os.O_RDONLY) | _FLAGS)
+        try:
+            handle = os.open(path, (os.O_RDWR if writable else os.O_RDONLY) | _FLAGS)
+        except OSError as error:
+            if error.errno != errno.ELOOP:
+                raise
+            raise OSError(errno.ELOOP, "it is a link, expected the file itself", str(path)) from error
+        if not stat.S_ISREG(os.fstat(handle).st_mode):
+            os.close(handle)
+            raise OSError(errno.EISDIR, "it is no file, but a folder, a pipe or a device", str(path))
+        return handle
 
     def size(self, handle: int) -> int:
         return os.fstat(handle).st_size

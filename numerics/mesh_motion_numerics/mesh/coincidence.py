@@ -56,7 +56,7 @@ def first_at_place(points: Floats, extent: float, tolerance: float = _SAME_PLACE
 
 def coincident_nodes(points: Floats, nodes: Integers) -> Integers:
     """(c, 2) pairs of the nodes (b,), ascending, at one place of ``points`` (n, d): the first one, and another one."""
-    first = nodes[first_at_place(points[nodes], float(np.ptp(bounding_box(points), axis=0).max()))]
+    first = nodes[first_at_place(points[nodes], float(np.ptp(bounding_box(points[nodes]), axis=0).max()))]
     others = first != nodes
     return np.column_stack([first[others], nodes[others]])
 

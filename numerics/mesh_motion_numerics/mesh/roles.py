@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 from mesh_motion_protocol.errors import InvalidInput
 
-from mesh_motion_numerics.arrays import Integers
+from mesh_motion_numerics.arrays import Floats, Integers
 
 __all__ = ["ROLES", "SLIDING_ROLES", "BoundaryRoles", "Patch", "nodes_with"]
 
@@ -79,6 +79,16 @@ class BoundaryRoles:
                 "no patch with role 'moving' has a node", hint="give the role 'moving' to the patch that is displaced"
             )
         return cls(moving, fixed, sliding, periodic)
+
+    def without(self, points: Floats, loose: Integers) -> tuple[Floats, BoundaryRoles]:
+        """Points and roles of the mesh without ``loose`` nodes (l,) of no cell and no role, which may be anywhere."""
+        if not len(loose):
+            return points, self
+        kept = np.ones(len(points), dtype=bool)
+        kept[loose] = False
+        number = np.cumsum(kept) - 1
+        kinds = (self.moving, self.fixed, self.sliding, self.periodic)
+        return points[kept], BoundaryRoles(*(number[nodes] for nodes in kinds))
 
     @cached_property
     def prescribed(self) -> Integers:

@@ -92,14 +92,15 @@ class PreparedMesh:
         InvalidInput
             If the mesh or a patch is unusable (see :func:`checked_mesh`), or the method does not fit the mesh.
         """
-        cells, sizes, warnings, resting, coincident = checked_mesh(points, cells, patches)
+        cells, sizes, warnings, resting, coincident, loose = checked_mesh(points, cells, patches)
         if len(resting):
             patches = {**patches, "": Patch("fixed", resting)}
         at_rest = cells_at_rest(points, cells, sizes) if method.quality_metric == "relative-size-skew" else sizes
         roles = BoundaryRoles.from_patches(patches)
         periodic = any(patch.role == "periodic" for patch in patches.values())
-        check_method(method, points, roles, periodic=periodic)
-        method, reach = with_reach(method, points, roles, periodic=periodic)
+        mesh = roles.without(points, loose)
+        check_method(method, *mesh, periodic=periodic)
+        method, reach = with_reach(method, *mesh, periodic=periodic)
         held = np.zeros(len(points), dtype=bool)
         held[boundary_nodes(cells)] = True
         held[roles.all] = True

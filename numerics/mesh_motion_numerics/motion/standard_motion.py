@@ -242,7 +242,8 @@ class StandardMotion:
         """Positions of the moving nodes after each sub-step, the targets last."""
         origin = start[self.roles.moving]
         furthest = float(np.sqrt(np.max(np.sum((targets - origin) ** 2, axis=1))))
-        stride = _SUBSTEP_FRACTION * float(np.ptp(bounding_box(self.reference), axis=0).max())
+        outline = self.reference[np.concatenate([self.roles.all, self.roles.periodic])]
+        stride = _SUBSTEP_FRACTION * float(np.ptp(bounding_box(outline), axis=0).max())
         count = min(max(math.ceil(furthest / stride), 1), _MAX_SUBSTEPS)
         path = substeps(origin, targets - origin, count)
         return [*(origin + displacement for displacement in path[:-1]), targets]

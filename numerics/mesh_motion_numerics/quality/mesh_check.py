@@ -54,6 +54,8 @@ class CheckedMesh(NamedTuple):
         Nodes in no patch that stay where they are: those behind fixed nodes.
     coincident : (c, 2) int64 array
         Boundary or patch nodes at the same place: the first one, and another one.
+    loose : (l,) int64 array
+        Nodes in no cell and in no patch.
     """
 
     cells: CellTable
@@ -61,6 +63,7 @@ class CheckedMesh(NamedTuple):
     warnings: list[str]
     resting: Integers
     coincident: Integers
+    loose: Integers
 
 
 def checked_mesh(points: Floats, cells: CellTable, patches: Mapping[str, Patch]) -> CheckedMesh:
@@ -94,9 +97,12 @@ def checked_mesh(points: Floats, cells: CellTable, patches: Mapping[str, Patch])
     checked = np.union1d(boundary, np.concatenate([patch.nodes for patch in patches.values()]))
     pairs = coincident_nodes(points, checked)
     orphans = nodes_in_no_cell(len(points), cells)
+    loose = np.setdiff1d(orphans, checked)
     odd = [*read.warnings, *_coincident(pairs), *_orphans(orphans)]
     resting = nodes_behind_fixed(len(points), cells, boundary, patches, pairs)
-    return CheckedMesh(cells, sizes, [*odd, *patch_warnings(boundary, orphans, patches, resting)], resting, pairs)
+    return CheckedMesh(
+        cells, sizes, [*odd, *patch_warnings(boundary, orphans, patches, resting)], resting, pairs, loose
+    )
 
 
 def checked_cells(points: Floats, cells: CellTable) -> OrientedCells:

@@ -105,6 +105,35 @@ int main(int count, char **arguments)
     EXPECT(mm_move(session, MM_SINCE_COMMITTED, 3, rows, 4, answer) == MM_INVALID_ARGUMENT);
     CLEAR(server);
 
+    EXPECT(mm_move(session, (mm_frame)2, 2, rows, 4, answer) == MM_INVALID_ARGUMENT && strstr(mm_error_message(server), "got 2"));
+    CLEAR(server);
+    EXPECT(mm_fetch(session, (mm_frame)-1, 4, answer) == MM_INVALID_ARGUMENT);
+    CLEAR(server);
+
+    mm_session *negative = mm_session_new(server);
+    EXPECT(mm_points(negative, 2, (size_t)-1, points) == MM_INVALID_ARGUMENT);
+    CLEAR(server);
+    mm_points(negative, 2, 4, points);
+    EXPECT(mm_cells(negative, "triangle", (size_t)-1, triangles) == MM_INVALID_ARGUMENT);
+    CLEAR(server);
+    mm_session_free(negative);
+
+    /* Latin-1 as in an old source: the server would drop the message, and the client would wait for its time-out */
+    mm_session *latin = mm_session_new(server);
+    mm_points(latin, 2, 4, points);
+    mm_cells(latin, "triangle", 2, triangles);
+    mm_patch(latin, "T\xfcr", "moving", 2, left);
+    EXPECT(mm_open(latin) == MM_OK && mm_build(latin) == MM_INVALID_ARGUMENT);
+    EXPECT(strstr(mm_error_message(server), "a text that is not UTF-8: 'T\xfcr'"));
+    CLEAR(server);
+    mm_session_free(latin);
+    latin = mm_session_new(server);
+    mm_points(latin, 2, 4, points);
+    mm_set_label(latin, "Fl\xfcgel");
+    EXPECT(mm_open(latin) == MM_INVALID_ARGUMENT && strstr(mm_error_message(server), "UTF-8"));
+    CLEAR(server);
+    mm_session_free(latin);
+
     /* a motion without an acceptable mesh: the left side beyond the right one */
     double across[] = {3, 0, 3, 0};
     EXPECT(mm_move(session, MM_SINCE_COMMITTED, 2, across, 4, answer) == MM_FAILED_PRECONDITION);
