@@ -68,11 +68,12 @@ class SmoothRegion:
         elimination = unknowns.elimination(places) if direct else None
         return cls(free, constraint, elimination, weights, gradient, mass)
 
-    def with_activation(self, sigma: Floats) -> SmoothRegion:
-        """Return the same region with the penalty for σ (n,) of all nodes."""
+    def of_motion(self, plain: Floats, sigma: Floats) -> SmoothRegion:
+        """Return the same region for the plain motion (n, d): with the penalty for σ (n,) of all nodes."""
         penalty = self.gradient.copy()
         penalty[self.free.adjacency.row_starts[:-1]] += self.mass / sigma[self.free.free]
-        return replace(self, penalty=PENALTY * penalty)
+        constraint = None if self.constraint is None else self.constraint.through(plain)
+        return replace(self, constraint=constraint, penalty=PENALTY * penalty)
 
     def solver(self, points: Floats, hessian: Floats, accuracy: float = _EXACT) -> Callable[[Floats], Floats]:
         """Return a solver of H (b, d, d) dx = right (f, d) for steps that nodes at local positions (l, d) can take.
