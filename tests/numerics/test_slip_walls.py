@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from box_meshes import box_mesh
+from frame_meshes import tensor_grid
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from mesh_motion_numerics.mesh.cells import CellTable
@@ -306,3 +307,33 @@ def test_an_axis_is_that_of_all_walls() -> None:
     assert sliding.endless[patches["wall"].nodes].all()
     with_fixed = patches | {"pin": Patch("fixed", patches["wall"].nodes[:1])}
     assert MotionModel.build(points, cells, with_fixed, Method()).standard_motion.sliding.endless is None
+
+
+def barrel(*, whole: bool) -> tuple[np.ndarray, CellTable, dict[str, Patch]]:
+    """Hexahedra in a barrel along z with a curved wall, y = 1 + 0.4 sin(πx); with ``whole`` all walls are one patch.
+
+    The piston at z = 0 moves, the head at z = 1 is fixed, the walls slip.
+    """
+    points, cells = tensor_grid(np.linspace(0.0, 1.0, 7), np.linspace(0.0, 1.0, 7), np.linspace(0.0, 1.0, 11))
+    sides = {f"{'xyz'[axis]}{end}": np.flatnonzero(points[:, axis] == end) for axis in range(3) for end in (0, 1)}
+    points[:, 1] *= 1.0 + 0.4 * np.sin(np.pi * points[:, 0])
+    patches = {"piston": Patch("moving", sides.pop("z0")), "head": Patch("fixed", sides.pop("z1"))}
+    walls = {"walls": np.unique(np.concatenate([*sides.values()]))} if whole else sides
+    patches |= {name: Patch("slip", nodes) for name, nodes in walls.items()}
+    return points, CellTable.from_arrays({"hexahedron": cells}), patches
+
+
+@pytest.mark.parametrize("whole", [False, True])
+@pytest.mark.parametrize("stroke", [-0.4, 0.7])
+def test_a_piston_stretches_the_mesh_evenly(stroke: float, whole: bool) -> None:
+    """The nodes of a curved wall ended where the wall ended at rest, and no correction moved them along it."""
+    points, cells, patches = barrel(whole=whole)
+    model = MotionModel.build(points, cells, patches, Method(quality_metric="relative-size-skew"))
+    wall = points[:, 1] > (1.0 - 1e-9) * (1.0 + 0.4 * np.sin(np.pi * points[:, 0]))
+    moved = model.move(points, points[model.roles.moving] + [0.0, 0.0, stroke]).points
+    even = points + np.outer(1.0 - points[:, 2], [0.0, 0.0, stroke])
+    heights = [np.diff(np.sort(x.reshape(-1, 11, 3)[..., 2]), axis=1) for x in (moved, even)]
+    assert np.abs(heights[0] / heights[1] - 1.0).max() < 0.1
+    section = points[wall][np.unique(points[wall, 0], return_index=True)[1]]
+    away = moved[wall, 1] - np.interp(moved[wall, 0], section[:, 0], section[:, 1])
+    assert np.abs(away).max() < 1e-12

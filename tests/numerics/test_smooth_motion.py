@@ -2,6 +2,7 @@
 types.
 """
 
+import time
 from dataclasses import replace
 from functools import cache
 from itertools import pairwise
@@ -11,7 +12,7 @@ import numpy as np
 import pytest
 from box_meshes import CELL_KINDS, box_mesh
 from correction_cases import BodyMesh, rigid, stored
-from mesh_motion_numerics.correction import smooth_motion
+from mesh_motion_numerics.correction import smooth_motion, smooth_region
 from mesh_motion_numerics.correction.distortion import corner_distortions, corner_simplices
 from mesh_motion_numerics.correction.smooth_motion import Law, Smoothed, SmoothMotion
 from mesh_motion_numerics.correction.smooth_region import SmoothRegion
@@ -287,6 +288,25 @@ def test_one_dimension() -> None:
     model = smooth_model(mesh)
     motion = model.move(model.points, mesh.points[model.roles.moving] + 0.15)
     assert motion.corrected.metric.min > motion.standard.metric.min
+
+
+@pytest.mark.parametrize("kind", ["tetra", "hexahedron"])
+def test_a_region_in_space_is_solved_by_the_faster_method(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """702 free nodes: with a factorization a step takes three times as long as with conjugate gradients."""
+
+    def seconds() -> float:
+        mesh, found = box_mesh(kind, 10), []
+        model = smooth_model(mesh)
+        goal = (mesh.points + rigid(mesh, (0.03, 0.02, 0.05), 30.0))[mesh.body]
+        for shift in 1e-4 * np.arange(3):
+            begin = time.process_time()
+            assert model.move(model.points, goal + shift, FactorCache(1 << 28)).correction.freed_nodes == 702
+            found.append(time.process_time() - begin)
+        return min(found)
+
+    chosen = seconds()
+    monkeypatch.setitem(smooth_region._DIRECT_UNKNOWNS, 3, 0)
+    assert chosen < 2.0 * seconds()
 
 
 def test_a_mesh_that_is_only_carried_is_not_corrected() -> None:

@@ -20,7 +20,7 @@ from mesh_motion_numerics.correction.outward_facets import OutwardFacets
 from mesh_motion_numerics.mesh.periodic_nodes import PeriodicNodes
 from mesh_motion_numerics.mesh.roles import SLIDING_ROLES, Patch
 from mesh_motion_numerics.mesh.sliding import SlidingSurfaces
-from mesh_motion_numerics.mesh.surface_constraints import OnPlanes
+from mesh_motion_numerics.mesh.surface_constraints import OnFacets, OnPlanes, OnPrism
 
 __all__ = ["BoundaryConstraint", "RegionConstraint"]
 
@@ -82,14 +82,20 @@ class BoundaryConstraint:
         return cls(released, chosen, periodic, outward)
 
     def smooth(self) -> BoundaryConstraint | None:
-        """Return the constraint of nodes with constant directions (plane and periodic ones); None if there are none."""
+        """Return the constraint of nodes with constant directions; None if there are none.
+
+        These are nodes on planes, on curved walls that are straight in one direction (only along it, so from their
+        places in the plain motion: :meth:`RegionConstraint.through`), and periodic ones.
+        """
         released, sliding = self.released.copy(), self.sliding
         if sliding is not None:
-            plane = np.zeros(len(sliding.nodes), dtype=bool)
-            for rows, surface in sliding.groups:
-                plane[rows] = isinstance(surface, OnPlanes)
-            released[sliding.nodes[~plane]] = False
-            sliding = sliding.of(plane)
+            planes = [(rows, s.straight if isinstance(s, OnFacets | OnPrism) else s) for rows, s in sliding.groups]
+            sliding = replace(sliding, groups=tuple((rows, s) for rows, s in planes if isinstance(s, OnPlanes)))
+            constant = np.zeros(len(sliding.nodes), dtype=bool)
+            for rows, _ in sliding.groups:
+                constant[rows] = True
+            released[sliding.nodes[~constant]] = False
+            sliding = sliding.of(constant)
         if self.periodic is not None:
             released &= ~_torn(released, self.periodic)
         return replace(self, released=released, sliding=sliding) if released.any() else None
@@ -164,6 +170,19 @@ class RegionConstraint:
     orbits: PeriodicNodes | None
     local: Integers
     facets: OutwardFacets
+
+    def through(self, positions: Floats) -> RegionConstraint:
+        """The same constraint, with the planes through the mesh's ``positions`` (n, d)."""
+        if self.sliding is None:
+            return self
+        return replace(self, sliding=replace(self.sliding, reference=positions[self.sliding.nodes]))
+
+    def across(self, points: Floats, changes: Floats) -> Floats:
+        """The part of ``changes`` (f, d) of free nodes that is no step from local positions (l, d)."""
+        if self.sliding is None:
+            return np.zeros_like(changes)
+        matrices = self._matrices(points)
+        return np.asarray(changes - np.einsum("fij,fkj,fk->fi", matrices, matrices, changes))
 
     def step(self, points: Floats, hessian: Floats, right: Floats, solve: StepSolver) -> Floats:
         """A tangential step (f, d), equal for periodic images: admissible to first order.

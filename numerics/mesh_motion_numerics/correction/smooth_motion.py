@@ -22,8 +22,9 @@ a start only changes the computing time.
 For small s the power is like an exponential; for large s it grows less. If a whole gap is squeezed, with an exponential
 some cells would resist 1e16 times as much as others that hardly differ, and the minimum would not be determined.
 
-Nodes on plane slip and symmetry walls are also free, along the wall; periodic images are free and move together. Nodes
-on curved walls keep their plain positions: a polygon's tangents are not a smooth function of the boundary.
+Nodes on plane slip and symmetry walls are also free, along the wall; periodic images are free and move together. On
+curved walls that are straight in one direction, as a cylinder's, nodes are free along it. On other curved walls they
+keep their plain positions: a polygon's tangents are not a smooth function of the boundary.
 
 Newton's iterations use the exact Hessian near the minimum; farther away the negative part of every corner's Hessian is
 dropped. If the function is not convex, only so much of it is dropped that the matrix is positive definite: without the
@@ -254,7 +255,7 @@ class SmoothMotion:
             free = free_region(self.reference, self.cells, self._sizes, marked, at_rest=True)
             constraint = None if self.constraint is None else self.constraint.of(free)
             self._last = key, SmoothRegion.build(free, constraint, self.reference)
-        return self._last[1].with_activation(sigma)
+        return self._last[1].of_motion(plain, sigma)
 
     def activations(self, plain: Floats, distorted: Integers | None = None) -> list[Floats]:
         """σ (n,) of the plain mesh (n, d) before and after each ring, equal for images; none if all are 0."""

@@ -20,7 +20,9 @@ __all__ = ["SmoothRegion"]
 
 PENALTY = 4.0  # a
 LENGTH = 10.0  # l, in cells
-_DIRECT_UNKNOWNS = {1: 100_000, 2: 100_000, 3: 6_000}  # a larger factorization is slower than conjugate gradients
+#: A larger factorization is slower than conjugate gradients: in 3D as fast with 500 unknowns, 3 times as slow with 1900
+#: (tetrahedra), 6 times with 5700 (hexahedra), 13 times with 5500 (tetrahedra).
+_DIRECT_UNKNOWNS = {1: 100_000, 2: 100_000, 3: 500}
 ROUGH = 0.03  # residual of a Newton system far from the minimum, as a share of the right-hand side
 _EXACT = 1e-13
 _CG_ITERATIONS = 5000
@@ -66,11 +68,12 @@ class SmoothRegion:
         elimination = unknowns.elimination(places) if direct else None
         return cls(free, constraint, elimination, weights, gradient, mass)
 
-    def with_activation(self, sigma: Floats) -> SmoothRegion:
-        """Return the same region with the penalty for σ (n,) of all nodes."""
+    def of_motion(self, plain: Floats, sigma: Floats) -> SmoothRegion:
+        """Return the same region for the plain motion (n, d): with the penalty for σ (n,) of all nodes."""
         penalty = self.gradient.copy()
         penalty[self.free.adjacency.row_starts[:-1]] += self.mass / sigma[self.free.free]
-        return replace(self, penalty=PENALTY * penalty)
+        constraint = None if self.constraint is None else self.constraint.through(plain)
+        return replace(self, constraint=constraint, penalty=PENALTY * penalty)
 
     def solver(self, points: Floats, hessian: Floats, accuracy: float = _EXACT) -> Callable[[Floats], Floats]:
         """Return a solver of H (b, d, d) dx = right (f, d) for steps that nodes at local positions (l, d) can take.

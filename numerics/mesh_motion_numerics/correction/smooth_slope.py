@@ -5,7 +5,8 @@ motion is. So (implicit function theorem) ::
 
     H dy_free = K dp_free − H_held dp_held − PENALTY m (y − p) d(1/σ) − G do,      dσ by the chain of averages
 
-with the Hessian H of the free nodes, its coupling H_held to the neighbouring nodes, and the penalty's matrix K(σ). The
+with the Hessian H of the free nodes, its coupling H_held to the neighbouring nodes, and the penalty's matrix K(σ).
+Free nodes that slide along one direction of a curved wall are held across it: there dy = dp. The
 activation σ depends on the plain mesh, so no correction is frozen. In a mesh that is wound by turning bodies, the
 distortion o at which cells begin to resist also depends on the boundary; G is the derivative of the gradient by o.
 """
@@ -83,13 +84,13 @@ class SmoothSlope:
         if self.region is None:
             return plain_change
         free, nodes, out = self.region.free.free, self.region.free.nodes, plain_change.copy()
-        held = plain_change[nodes]
-        held[: len(free)] = 0.0
-        right = self.region.pull(plain_change[free])[1] - self._coupled(held)[: len(free)]
+        held, across = plain_change[nodes], self._across(plain_change[free])
+        held[: len(free)] = across
+        right = self.region.pull(plain_change[free] - across)[1] - self._coupled(held)[: len(free)]
         right -= self._pull_by_activation * self._activated(plain_change, later)[free, None]
         if later != 0.0:
             right -= later * self._gradient_by_onset
-        out[free] = self._solved(right)
+        out[free] = across + self._solved(right)
         return out
 
     def transpose(self, weights: Floats) -> tuple[Floats, float]:
@@ -100,8 +101,9 @@ class SmoothSlope:
         solved = self._solved(weights[free])
         local = np.zeros((len(nodes), weights.shape[1]))
         local[: len(free)] = solved
-        out[free] = self.region.pull(solved)[1]
-        out[nodes[len(free) :]] -= self._coupled(local)[len(free) :]
+        pulled, coupled = self.region.pull(solved)[1], self._coupled(local)
+        out[free] = pulled + self._across(weights[free] - pulled - coupled[: len(free)])
+        out[nodes[len(free) :]] -= coupled[len(free) :]
         activated = np.zeros(len(weights))
         activated[free] = -np.sum(self._pull_by_activation * solved, axis=1)
         by_plain, later = self._activated_transposed(activated)
@@ -135,6 +137,11 @@ class SmoothSlope:
     def _solved(self, right: Floats) -> Floats:
         """H⁻¹ times (f, d) in the directions in which nodes can move."""
         return self._solver(np.ascontiguousarray(right))
+
+    def _across(self, changes: Floats) -> Floats:
+        """The part of ``changes`` (f, d) in directions in which nodes cannot move."""
+        constraint = self._required.constraint
+        return np.zeros_like(changes) if constraint is None else constraint.across(self._local, changes)
 
     @cached_property
     def _solver(self) -> Callable[[Floats], Floats]:

@@ -3,7 +3,8 @@
 A sliding node's reference position lies on smooth pieces of the sliding patches. They determine where it may move:
 
 - planar pieces: its own plane through its reference place; on two, their line of intersection; on three, it stays;
-- one curved piece: the piece's facets in the reference mesh, which represent the surface exactly as the mesh does;
+- one curved piece: the piece's facets in the reference mesh, which represent the surface exactly as the mesh does (if
+  all contain one direction, as a cylinder's do, the surface has no end in that direction);
 - a curved and another piece: the curve where they meet; on more pieces, it stays.
 
 Pieces in one plane count once: a far field that is cut into two patches slides like one patch, as with OpenFOAM's slip
@@ -26,7 +27,7 @@ from mesh_motion_numerics.mesh.endless_walls import axis_of, endless_nodes
 from mesh_motion_numerics.mesh.paths import RigidMotion
 from mesh_motion_numerics.mesh.rigid_transforms import Transform
 from mesh_motion_numerics.mesh.smooth_pieces import Piece, sides, smooth_pieces
-from mesh_motion_numerics.mesh.surface_constraints import Held, OnFacets, OnPlanes, SurfaceConstraint
+from mesh_motion_numerics.mesh.surface_constraints import Held, OnFacets, OnPlanes, OnPrism, SurfaceConstraint, endless
 from mesh_motion_numerics.mesh.wall_lines import EvenedLine, WallLine, wall_lines
 
 __all__ = ["ACROSS", "SlidingSurfaces"]
@@ -206,7 +207,7 @@ class SlidingSurfaces:
     @property
     def curved(self) -> bool:
         """Whether nodes slide on facets, so that the derivative of :meth:`project` depends on their positions."""
-        return any(isinstance(constraint, OnFacets) for _, constraint in self.groups)
+        return any(isinstance(constraint, OnFacets | OnPrism) for _, constraint in self.groups)
 
     @cached_property
     def by_freedom(self) -> tuple[SlidingSurfaces, ...]:
@@ -295,10 +296,10 @@ def _constraint(points: Floats, pieces: list[Piece], images: Sequence[Transform]
     if len(normals) == len(pieces):
         return OnPlanes.from_normals(normals)
     if len(pieces) == 1:
-        return OnFacets.from_simplices(points, pieces[0].simplices, images=images)
+        return endless(OnFacets.from_simplices(points, pieces[0].simplices, images=images))
     curve = _common_sides(pieces) if len(pieces) == 2 else np.empty((0, 2), dtype=np.int64)
     along = len(curve) and curve.shape[1] == 2
-    return OnFacets.from_simplices(points, curve, images=images) if along else Held()
+    return endless(OnFacets.from_simplices(points, curve, images=images)) if along else Held()
 
 
 def _common_sides(pieces: list[Piece]) -> Integers:

@@ -1,5 +1,8 @@
 """Constraints of sliding nodes: on planes through their reference place, on facets of the reference mesh, or held.
 
+Facets that all contain one direction, such as a cylinder's wall, go on along it: a piston that is pulled out of its
+place at rest takes the nodes on the wall along.
+
 Each constraint returns an admissible position (projection), exactly on the planes or facets; on planes it is the
 nearest one. It also returns the tangential directions there, for steps that are projected afterwards. For both, on
 facets the normal (on a curve the tangent) is interpolated between the corners, so that it turns smoothly at the kinks
@@ -22,11 +25,13 @@ from mesh_motion_numerics.mesh.coincidence import first_at_place
 from mesh_motion_numerics.mesh.projection_slope import facet_angles, smooth_slopes
 from mesh_motion_numerics.mesh.rigid_transforms import Transform, nearest_images
 
-__all__ = ["Held", "OnFacets", "OnPlanes", "SurfaceConstraint"]
+__all__ = ["Held", "OnFacets", "OnPlanes", "OnPrism", "SurfaceConstraint", "endless"]
 
 
 #: Planes whose normals differ by less (as a sine) count as one plane: their line of intersection is not determined.
 _PARALLEL = 1e-6
+#: Components of a direction below this are 0: along a coordinate axis the other coordinates stay bitwise.
+_AXIS = 1e-9
 #: A place this close to a facet, as a share of its first edge, is on it.
 _ON_FACET = 1e-8
 #: Nodes nearer to each other than this share of the shortest facet are images of each other.
@@ -156,6 +161,22 @@ class OnFacets:
         first = np.linalg.eigh(self.tensors)[1][..., -1]
         return first * np.where(np.einsum("fki,fi->fk", first, _direction(self.corners)) < 0.0, -1.0, 1.0)[..., None]
 
+    @property
+    def straight(self) -> OnPlanes | None:
+        """Planes along the direction that lies in every facet, as on the wall of a cylinder; None without one."""
+        unit = _direction(self.corners)
+        size = np.linalg.norm(unit, axis=1)
+        unit = unit[size > 0.0] / size[size > 0.0, None]
+        across = unit[:, :, None] * unit[:, None, :]
+        if self.freedom == 1:
+            across = np.eye(unit.shape[1]) - across
+        along = np.linalg.eigh(across.sum(axis=0))[1][:, 0]
+        if np.linalg.norm(across @ along, axis=1).max() > _PARALLEL:
+            return None
+        along = OnPlanes.from_normals([np.where(np.abs(along) < _AXIS, 0.0, along)]).normals[0]
+        axes = np.delete(np.eye(len(along)), np.argmax(np.abs(along)), axis=0)
+        return OnPlanes(OnPlanes.from_normals([along, *axes]).normals[1:])
+
     def tangents(self, positions: Floats, reference: Floats) -> Floats:
         near, rotations, _ = nearest_images(positions, reference, self.images)
         places, rows = self.facets.nearest(near)
@@ -185,6 +206,57 @@ class OnFacets:
         found = np.zeros((*near.shape, near.shape[1]))
         np.add.at(found, rows, (share / np.bincount(rows, share, len(near))[rows])[:, None, None] * slopes)
         return rotations @ found @ np.swapaxes(rotations, 1, 2)
+
+
+@dataclass(frozen=True, eq=False)
+class OnPrism:
+    """The wall of a cylinder or prism: it has no end along its straight direction, like a plane.
+
+    Attributes
+    ----------
+    straight : OnPlanes
+        Planes along the straight direction.
+    section : OnFacets
+        The curve of the wall in the coordinates (k, 2) along the planes' normals.
+    """
+
+    straight: OnPlanes
+    section: OnFacets
+    freedom: int = 2
+
+    def project(self, positions: Floats, reference: Floats) -> Floats:
+        across = self._across(positions)
+        moved = self.section.project(across, self._across(reference)) - across
+        return np.asarray(positions + moved @ self.straight.normals)
+
+    def tangents(self, positions: Floats, reference: Floats) -> Floats:
+        return self._in_space(self.section.tangents(self._across(positions), self._across(reference)))
+
+    def slope(self, positions: Floats, reference: Floats) -> Floats:
+        return self._in_space(self.section.slope(self._across(positions), self._across(reference)))
+
+    def _across(self, positions: Floats) -> Floats:
+        return np.asarray(positions @ self.straight.normals.T)
+
+    def _in_space(self, matrices: Floats) -> Floats:
+        """(m, 3, 3) matrices of the section's (m, 2, 2): the straight direction stays."""
+        normals = self.straight.normals
+        return np.asarray(normals.T @ matrices @ normals + np.eye(3) - normals.T @ normals)
+
+
+def endless(surface: OnFacets) -> SurfaceConstraint:
+    """The same surface or curve, without an end along a direction that lies in all its facets, if there is one."""
+    planes = None if surface.images else surface.straight
+    if planes is None or surface.freedom == 1:
+        return planes or surface
+    corners = surface.corners @ planes.normals.T
+    places = corners.reshape(-1, 2)
+    numbers = first_at_place(places, float(np.ptp(places, axis=0).max()), _PARALLEL).reshape(-1, 3)
+    edges = np.concatenate([numbers[:, [0, 1]], numbers[:, [1, 2]], numbers[:, [2, 0]]])
+    edges = np.unique(np.sort(edges[edges[:, 0] != edges[:, 1]], axis=1), axis=0)
+    if np.bincount(edges.ravel()).max() > 2:
+        return surface  # the facets' sides do not lie along the straight direction: no simple curve
+    return OnPrism(planes, OnFacets.from_simplices(places, edges))
 
 
 @dataclass(frozen=True, eq=False)
