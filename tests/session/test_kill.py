@@ -73,7 +73,7 @@ def test_losses_that_a_relaxed_session_may_have_and_others(lines: list[str], sai
 
 def test_a_process_that_ends_by_itself_is_found(tmp_path: Path) -> None:
     (tmp_path / "sessions").write_text("in the way of the folder")
-    with pytest.raises(BrokenPromise, match="failed .*sessions"):  # killed or not before it ends
+    with pytest.raises(BrokenPromise, match=r"failed .*sessions"):  # killed or not before it ends
         kill_again_and_again(tmp_path, Random(4), Budget(3))
 
 
