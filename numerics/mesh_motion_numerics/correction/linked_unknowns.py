@@ -75,10 +75,12 @@ class LinkedUnknowns:
         """
         hessian = np.zeros((len(self.adjacency.columns), *blocks.shape[1:]))
         kernels.add_linked_blocks(self.rows, self.columns, self.slots, matrices, blocks, hessian)
-        diagonal = self.adjacency.row_starts[:-1]
+        fixed = np.eye(blocks.shape[1]) - matrices[self.roots]  # directions in which no step goes
+        tied = np.flatnonzero(fixed.any(axis=(1, 2)))
+        diagonal = self.adjacency.row_starts[tied]
         stiffness = np.trace(hessian[diagonal], axis1=1, axis2=2)
         stiffness[stiffness <= 0.0] = 1.0
-        hessian[diagonal] += stiffness[:, None, None] * (np.eye(blocks.shape[1]) - matrices[self.roots])
+        hessian[diagonal] += stiffness[:, None, None] * fixed[tied]
         return hessian
 
     def gather(self, matrices: Floats, right: Floats) -> Floats:
