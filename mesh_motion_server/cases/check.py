@@ -170,13 +170,14 @@ def _report(path: Path, mesh: MeshFile, case: Case | None, warnings: list[str] |
         periodic = PeriodicNodes.build(mesh.points, boundary_facets(cells), patches, split)
     except InvalidInput as error:
         raise InvalidInput(f"{mesh.path}: {error.message}", code=error.code, hint=error.hint) from None
+    without_loose = split.without(mesh.points, checked.loose)
     method = Method() if case is None else case.content.method.to_method()
     if case is not None:
-        check_method(method, *split.without(mesh.points, checked.loose))
+        check_method(method, *without_loose)
     quality = cell_quality(mesh.points, cells, sizes)
     radius = None if case is None else case.content.method.support_radius
     unnamed = replace(method, support_radius=None)
-    suggested = with_reach(unnamed, *split.without(mesh.points, checked.loose), periodic=periodic is not None)[0]
+    suggested = with_reach(unnamed, *without_loose, periodic=periodic is not None)[0]
     control = mesh.points[split.all]
     return CheckReport(
         path=path,

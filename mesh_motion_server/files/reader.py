@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from mesh_motion_protocol.errors import InvalidInput
+from mesh_motion_protocol.limits import NAME_BYTES
 
 from mesh_motion_server.files.format import HEAD_BYTES, Format
 from mesh_motion_server.files.formats import FORMATS
@@ -12,9 +13,6 @@ from mesh_motion_server.files.mesh_file import MeshFile
 from mesh_motion_server.files.openfoam.polymesh import OPENFOAM
 
 __all__ = ["SUFFIXES", "format_of", "is_mesh", "read_mesh"]
-
-#: Most bytes of a patch's name in messages.
-_NAME_BYTES = 256
 
 SUFFIXES = tuple(dict.fromkeys(suffix for one in FORMATS if one.read for suffix in one.suffixes))
 
@@ -54,12 +52,12 @@ def read_mesh(path: Path | str, zone: str = "") -> MeshFile:
 def _with_names(mesh: MeshFile) -> MeshFile:
     """The mesh without patches whose name no session can have."""
     sizes = {name: len(name.encode(errors="replace")) for name in mesh.patches}
-    odd = [name for name, size in sizes.items() if not 0 < size <= _NAME_BYTES]
+    odd = [name for name, size in sizes.items() if not 0 < size <= NAME_BYTES]
     if not odd:
         return mesh
     patches = {name: nodes for name, nodes in mesh.patches.items() if name not in odd}
     notes = [
-        f"the patch {name[:40]!r} is left out: its name has {sizes[name]} bytes, expected 1 to {_NAME_BYTES}"
+        f"the patch {name[:40]!r} is left out: its name has {sizes[name]} bytes, expected 1 to {NAME_BYTES}"
         for name in odd
     ]
     return replace(mesh, patches=patches, notes=(*mesh.notes, *notes))

@@ -339,6 +339,7 @@ class SessionStore:
         """Remove partly deleted sessions, and sessions that were never built and are not held; return their names."""
         failpoint("store.sweep")
         try:
+            self._require_same_root()
             names = sorted(self._listed(), key=lambda name: not _DISCARDED.fullmatch(name))
             return [name for name in names if self._swept(self._sessions / name)]
         except OSError as error:
@@ -402,7 +403,6 @@ class SessionStore:
 
     def _listed(self) -> list[str]:
         """The names in the folder of sessions; none if the folder does not exist yet."""
-        self._require_same_root()
         try:
             return sorted(self._files.names(self._sessions))
         except FileNotFoundError:

@@ -11,6 +11,7 @@ from typing import Any, Self
 
 import numpy as np
 from mesh_motion_protocol.errors import InvalidInput, meant
+from mesh_motion_protocol.limits import NAME_BYTES
 from mesh_motion_protocol.messages import Upload
 from numpy.typing import ArrayLike, NDArray
 
@@ -32,8 +33,6 @@ _PLANE = ("triangle", "quad")
 _PART_BYTES = 32 << 20
 #: Number of nodes that 4-byte integers can number.
 _INT32 = 1 << 31
-#: Longest name of a patch in a message.
-_NAME_BYTES = 256
 #: Bytes that a packed file may always unpack to, and the factor of its own size that it may unpack to.
 _UNPACKED_BYTES, _UNPACKED_RATIO = 1 << 30, 200
 #: Errors that reading a damaged ``.npz`` raises.
@@ -288,9 +287,9 @@ class Mesh(Described):
         for name, patch in self.patches.items():
             if not isinstance(name, str) or not name:
                 raise InvalidInput(f"a patch's name must be a text that is not empty, got {name!r}")
-            if (size := len(name.encode(errors="replace"))) > _NAME_BYTES:
+            if (size := len(name.encode(errors="replace"))) > NAME_BYTES:
                 raise InvalidInput(
-                    f"a patch's name must have at most {_NAME_BYTES} bytes in UTF-8, got {size}: {name[:40]!r}…",
+                    f"a patch's name must have at most {NAME_BYTES} bytes in UTF-8, got {size}: {name[:40]!r}…",
                     hint="give the patch a shorter name",
                 )
             if not isinstance(patch, Patch):

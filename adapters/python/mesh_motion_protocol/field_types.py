@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_protocol.declarations import ArrayField, Choice, Length, Range
+from mesh_motion_protocol.limits import NAME_BYTES
 
 __all__ = [
     "CornerNodes",
@@ -64,7 +65,7 @@ Uuid = Annotated[bytes, Length(exactly=16)]
 Token = Annotated[bytes, Length(exactly=32)]
 Digest = Annotated[bytes, Length(exactly=32)]
 SessionId = Annotated[str, Length(at_most=32)]
-Name = Annotated[str, Length(at_most=256)]
+Name = Annotated[str, Length(at_most=NAME_BYTES)]
 Count = Annotated[int, Range(0, 2**63 - 1)]
 Partition = Annotated[int, Range(0, 255)]
 Frame = Annotated[str, Choice(("committed", "reference"))]

@@ -15,6 +15,7 @@ __all__ = [
     "HEADER_DEPTH",
     "LIMITS",
     "MESSAGE_BYTES",
+    "NAME_BYTES",
     "Limit",
     "default_limits",
 ]
@@ -29,6 +30,8 @@ HEADER_DEPTH = 12
 FRAME_BYTES = 16 * 1024 * 1024
 #: Size of all arrays of one message.
 MESSAGE_BYTES = 2 * 1024**3
+#: Size of a name, in UTF-8: of a patch, for example.
+NAME_BYTES = 256
 
 
 @dataclass(frozen=True)

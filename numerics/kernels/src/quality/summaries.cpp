@@ -146,8 +146,9 @@ void check_bins(Index bins) {
 
 }  // namespace
 
-std::tuple<Owned<double, 1>, Owned<Index, 1>, Index, Owned<Index, 1>> lowest_cells(Matrix<const double> points, const Blocks& blocks, Vector<const double> reference,
-                          AtRest rest, Index metric, Index count, double corner_limit) {
+std::tuple<Owned<double, 1>, Owned<Index, 1>, Index, Owned<Index, 1>> lowest_cells(
+    Matrix<const double> points, const Blocks& blocks, Vector<const double> reference, AtRest rest, Index metric,
+    Index count, double corner_limit) {
     const Cells cells(points, blocks, reference, rest);
     const Metric ranked = checked(metric, cells, corner_limit);
     const Index m = cells.size();
@@ -190,8 +191,9 @@ std::tuple<Owned<double, 1>, Owned<Index, 1>, Index, Owned<Index, 1>> lowest_cel
             std::accumulate(inversions.begin(), inversions.end(), Index{0}), together(distorted)};
 }
 
-std::tuple<Owned<double, 2>, Owned<Index, 1>, Index, Owned<Index, 1>> judged_cells(Matrix<const double> points, const Blocks& blocks, Vector<const double> reference,
-                          AtRest rest, Index metric, Index count, double corner_limit) {
+std::tuple<Owned<double, 2>, Owned<Index, 1>, Index, Owned<Index, 1>> judged_cells(
+    Matrix<const double> points, const Blocks& blocks, Vector<const double> reference, AtRest rest, Index metric,
+    Index count, double corner_limit) {
     const Cells cells(points, blocks, reference, rest);
     const Metric ranked = checked(metric, cells, corner_limit);
     const Index m = cells.size();
