@@ -101,7 +101,7 @@ def factorize(
     support_radius: float | None,
     solver: str = "auto",
     spacing: Floats | None = None,
-    smoothing: float = 0.0,
+    smoothing: Floats | None = None,
 ) -> AllCentreFactorization:
     """Prepare the interpolation from control points, with the linear polynomial (thesis §2.1.2) if the basis needs it.
 
@@ -118,9 +118,9 @@ def factorize(
         (:func:`~mesh_motion_numerics.interpolation.factorizations.choice.choose_solver`).
     spacing : (nc,) array, mesh length unit, optional
         Distance of each point to the nearest other one, if it is known.
-    smoothing : float
-        λ: s minimises |s|² + Σ (s(x_j) − u_j)² / λ in the norm of the basis, which must be positive definite; for 0 it
-        interpolates. The solver is then "dense".
+    smoothing : (nc,) array, optional
+        λ: s minimises |s|² + Σ (s(x_j) − u_j)² / λ_j in the norm of the basis, which must be positive definite; by
+        default it interpolates. The solver is then "dense".
 
     Raises
     ------
@@ -139,7 +139,7 @@ def factorize(
     if row.needs_polynomial:
         linear = LinearBasis.around(points)
         return AllCentreFactorization(points, row, radius, layout, NullSpaceCholesky(points, row, radius, linear))
-    if smoothing:
+    if smoothing is not None:
         system: LinearSolver = dense_solver(points, row, radius, smoothing)
     else:
         system = choose_solver(solver, points, layout, row, radius)

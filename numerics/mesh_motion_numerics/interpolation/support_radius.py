@@ -43,6 +43,7 @@ from scipy.spatial import cKDTree
 
 from mesh_motion_numerics.arrays import Floats
 from mesh_motion_numerics.interpolation.kernels import DEFAULT_BASIS, MULTISCALE, basis_named
+from mesh_motion_numerics.interpolation.two_scale.smoothing import Smoothing
 from mesh_motion_numerics.mesh.points import bounding_box
 from mesh_motion_numerics.mesh.roles import BoundaryRoles
 from mesh_motion_numerics.method import Method
@@ -54,12 +55,13 @@ _DOMAIN_LENGTHS, _BODIES = 2.5, 20.0
 _LARGE, _FAR, _NEAR, _MEAN = 10.0, 5.0, 10.0, 1.6
 #: R of other compact functions, in that of the multiscale basis.
 _OTHER = 0.6
-#: λ, and λ in a far field with layers that move with their walls. Noise of the boundary reaches the nodes of a wing 8
-#: times as large with 1e-6, 17 times without, and its cells keep their shape to 0.1 %; around aerofoils with layers 9
-#: and 17 times with 1e-3, hundreds of times without. Near a wall without such layers the first cells of an aerofoil
-#: that turns by 45° lean over by 11° with 1e-3, by 1.7° with 1e-6, and by 1.4° without; prisms lose 3 % of their shape
-#: with 1e-6, half of it with 1e-5.
-_SMOOTH, _SMOOTH_LAYER = 1e-6, 1e-3
+#: Shortest wave of the boundary that the first level follows, in B, and the radii of the narrow levels in spacings:
+#: without layers that move with their walls, and with them. Noise of the boundary reaches the nodes of 26 meshes up to
+#: 12 times as large, without smoothing up to hundreds of times. With a shorter wave the noise grows. With a longer one,
+#: or narrower levels, first cells turn: those of an aerofoil that turns by 45° lean over by 2.4° (without smoothing by
+#: 1.7°), with 0.25 B by 3.6°, with 8 spacings by 4°. First cells of a layer that moves with its wall do not turn; but
+#: wide levels continue the noise of a thin trailing edge into the wake: 15 times with 16 spacings, 8 times with 6.
+_SMOOTH, _SMOOTH_LAYER = (0.125, 16.0), (0.3, 6.0)
 _SAMPLE = 20_000  # number of nodes at which the largest ball is searched
 _EACH = 16  # every 16th of them is tested first
 _ROUNDING = 1e-9
@@ -89,13 +91,13 @@ class Reach(NamedTuple):
     ----------
     mean_radius : float, mesh length unit
         R_t of :mod:`.far_field`; 0 if the mean displacement is not separated.
-    smoothing, layer_smoothing : float
-        λ of :mod:`.two_scale.factorization`, and the same if layers move with their walls.
+    smoothing, layer_smoothing : Smoothing or None
+        Of the first level, and the same if layers move with their walls; None: the first level is exact.
     """
 
     mean_radius: float = 0.0
-    smoothing: float = 0.0
-    layer_smoothing: float = 0.0
+    smoothing: Smoothing | None = None
+    layer_smoothing: Smoothing | None = None
 
 
 def with_reach(method: Method, points: Floats, roles: BoundaryRoles, *, periodic: bool) -> tuple[Method, Reach]:
@@ -114,9 +116,11 @@ def with_reach(method: Method, points: Floats, roles: BoundaryRoles, *, periodic
     """
     basis, radius, mean_radius = method.basis, method.support_radius, 0.0
     alone = method.correction in ("none", "smooth") and method.reduction == "none" and not periodic
-    smoothing = _SMOOTH if alone and method.correction == "smooth" else 0.0
-    if alone:
+    smoothing = []
+    if alone and len(roles.moving):
         body = _longest_side(points[roles.moving])
+        if method.correction == "smooth" and body > 0.0:
+            smoothing = [Smoothing(wave * body, radii) for wave, radii in (_SMOOTH, _SMOOTH_LAYER)]
         if radius is None and basis_named(basis).compact and body > 0.0 and len(roles.fixed):
             middle = bounding_box(points[roles.moving]).mean(axis=0)
             away = float(np.linalg.norm(points[roles.fixed] - middle, axis=1).min())
@@ -129,7 +133,7 @@ def with_reach(method: Method, points: Floats, roles: BoundaryRoles, *, periodic
                 mean_radius = float(f"{_MEAN * away:.2g}")
     if radius is None:
         radius = suggest_support_radius(points, roles)
-    reach = Reach(mean_radius, smoothing, _SMOOTH_LAYER if smoothing and mean_radius else smoothing)
+    reach = Reach(mean_radius, *smoothing)
     enrichment = method.enrichment_radius or suggest_enrichment_radius(points, roles, radius)
     return replace(method, basis=basis, support_radius=radius, enrichment_radius=enrichment), reach
 

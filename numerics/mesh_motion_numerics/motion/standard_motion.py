@@ -50,6 +50,7 @@ from mesh_motion_numerics.interpolation.periodic_interpolant import periodic_fac
 from mesh_motion_numerics.interpolation.support_radius import Reach
 from mesh_motion_numerics.interpolation.two_scale.factorization import TwoScalePlan, plan_for, plans_for
 from mesh_motion_numerics.interpolation.two_scale.interpolant import AnyInterpolant
+from mesh_motion_numerics.interpolation.two_scale.smoothing import Smoothing
 from mesh_motion_numerics.mesh.paths import RigidMotion, fit_rigid_motion, fit_screw, substeps
 from mesh_motion_numerics.mesh.periodic_nodes import PeriodicNodes
 from mesh_motion_numerics.mesh.points import bounding_box
@@ -198,7 +199,7 @@ class StandardMotion:
         return replace(other, plans=plans_for(self.reference, sets, self.roles, self.method, other._smoothing))
 
     @property
-    def _smoothing(self) -> float:
+    def _smoothing(self) -> Smoothing | None:
         return self.reach.smoothing if self.layer is None else self.reach.layer_smoothing
 
     def walls(self) -> Iterator[tuple[Integers, SlidingSurfaces]]:

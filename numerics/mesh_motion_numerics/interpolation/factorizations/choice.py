@@ -71,8 +71,8 @@ def choose_solver(
     return dense_solver(points, basis, support_radius)
 
 
-def dense_solver(points: Floats, basis: Basis, support_radius: float, smoothing: float = 0.0) -> PanelCholesky:
-    """The factor of a dense matrix with ``smoothing`` λ added to its diagonal.
+def dense_solver(points: Floats, basis: Basis, support_radius: float, smoothing: Floats | None = None) -> PanelCholesky:
+    """The factor of a dense matrix with λ, the ``smoothing`` (nc,), added to its diagonal.
 
     Raises
     ------
@@ -86,7 +86,8 @@ def dense_solver(points: Floats, basis: Basis, support_radius: float, smoothing:
 
     def panel(first: int, last: int) -> Floats:
         block = dense_block(basis, support_radius, rows[first:], rows[first:last])
-        np.einsum("ii->i", block[: last - first])[:] += smoothing
+        if smoothing is not None:
+            np.einsum("ii->i", block[: last - first])[:] += smoothing[first:last]
         return block
 
     return PanelCholesky(len(rows), panel)

@@ -47,6 +47,7 @@ __all__ = [
     "CompactSystem",
     "compact_levels",
     "levels_below",
+    "levels_of_all",
 ]
 
 
@@ -124,6 +125,18 @@ def compact_levels(
     low, high = np.percentile(spacing[moving], [_CLOSE, _WIDE], method="nearest")
     wider = max(math.ceil(math.log(max(high, gap / _GAP) / low, LEVEL_RATIO)) - 1, 0)
     return _levels(points, spacing, _nested(points, float(low) * LEVEL_RATIO**wider, coarse), float(low), _RADII)
+
+
+def levels_of_all(points: Floats, spacing: Floats, moving: Marks, radii: float) -> list[CompactLevel]:
+    """The levels of a boundary whose coarse field has all nodes but is smoothed, widest first.
+
+    The same as :func:`compact_levels`, with the radius of a level in units of its spacing. The widest level has the
+    spacing of the moving nodes where it is coarse.
+    """
+    low, high = np.percentile(spacing[moving if moving.any() else ~moving], [_CLOSE, _WIDE], method="nearest")
+    wider = math.ceil(math.log(high / low, LEVEL_RATIO) - _ROUNDING)
+    nested = _nested(points, float(low) * LEVEL_RATIO**wider, np.empty(0, np.int64))
+    return _levels(points, spacing, nested, float(low), radii)
 
 
 def levels_below(points: Floats, spacing: Floats, separation: float, *, coarse: Integers) -> list[CompactLevel]:

@@ -6,9 +6,9 @@ sums. With few control points, all are coarse points as long as the matrix is no
 its support radius a smooth function has equal values up to rounding. The smallest eigenvalue of the matrix of
 Wendland's C2 function is about 25 (h/R)³ for points with spacing h.
 
-The coarse interpolation may be smoothed (λ of :func:`.factorize`): as the levels correct its error, S stays exact.
-Without smoothing it continues the differences of close control points far into the mesh: noise of the boundary, or its
-rounding errors, reach the nodes 10 to 1000 times as large.
+The coarse interpolation may be smoothed (:mod:`.smoothing`): as the levels correct its error, S stays exact. Without
+smoothing it continues the differences of close control points far into the mesh: noise of the boundary, or its rounding
+errors, reach the nodes 10 to 1000 times as large.
 
 Control points at the same place (the two sides of a baffle, or of an interface) count as one point with their mean
 value.
@@ -44,10 +44,12 @@ from mesh_motion_numerics.interpolation.two_scale.compact_levels import (
     CompactSystem,
     compact_levels,
     levels_below,
+    levels_of_all,
 )
 from mesh_motion_numerics.interpolation.two_scale.grid_sums import on_grid
 from mesh_motion_numerics.interpolation.two_scale.interpolant import TwoScaleInterpolant
 from mesh_motion_numerics.interpolation.two_scale.nested_grid import NestedGrid
+from mesh_motion_numerics.interpolation.two_scale.smoothing import Smoothing
 from mesh_motion_numerics.mesh.coincidence import first_at_place
 from mesh_motion_numerics.mesh.points import padded
 from mesh_motion_numerics.mesh.roles import BoundaryRoles
@@ -92,8 +94,8 @@ class TwoScalePlan:
         Those of the coarse interpolation, as in :func:`~mesh_motion_numerics.interpolation.interpolant.factorize`.
     gridded : bool
         Whether a spline on a grid replaces the coarse sums.
-    smoothing : float
-        λ of the coarse interpolation.
+    smoothing : Smoothing or None
+        Of the coarse interpolation.
     place : (n,) int64 array
         For each control point the first one at its place.
     """
@@ -105,7 +107,7 @@ class TwoScalePlan:
     support_radius: float | None
     gridded: bool
     place: Integers
-    smoothing: float = 0.0
+    smoothing: Smoothing | None = None
 
     @property
     def least_radius(self) -> float:
@@ -126,7 +128,7 @@ class TwoScalePlan:
     @property
     def usable(self) -> bool:
         """Whether the plan is better than one scale with all control points."""
-        return self.joined if self.gridded else not self.single
+        return self.joined if self.gridded else bool(self.levels)
 
     @cached_property
     def distinct(self) -> Integers:
@@ -144,7 +146,7 @@ class TwoScalePlan:
         support_radius: float | None,
         count: int | None = None,
         gridded: bool = True,
-        smoothing: float = 0.0,
+        smoothing: Smoothing | None = None,
     ) -> TwoScalePlan:
         """Choose the coarse points and the levels.
 
@@ -176,6 +178,8 @@ class TwoScalePlan:
         joined = moving if joined is None else joined
         if gridded:
             levels = compact_levels(points, spacing, moves, coarse=chosen, gap=float(away.max()))
+        elif smoothing is not None:
+            levels = levels_of_all(points, spacing, moves, smoothing.radii)
         elif len(chosen) < len(points):
             levels = levels_below(reference[distinct], spacing, separation, coarse=chosen)
         else:
@@ -199,13 +203,19 @@ class TwoScalePlan:
             support_radius=self.support_radius,
             solver="dense",
             spacing=spacing,
-            smoothing=self.smoothing,
+            smoothing=self._shares(spacing, points.shape[1]),
         )
         corners = padded(np.stack([low, high]))
         grid = self._grid(padded(chosen), spacing, corners, points.shape[1]) if self.gridded else None
         distinct = points.take(self.distinct, axis=0)
         systems = [CompactSystem.build(level, distinct) for level in self.levels]
         return TwoScaleFactorization(points, self, coarse, grid, systems)
+
+    def _shares(self, spacing: Floats, dimension: int) -> Floats | None:
+        """λ of the coarse points with the spacing (m,); None without smoothing."""
+        if self.smoothing is None:
+            return None
+        return self.smoothing.shares(basis_named(self.basis), float(self.support_radius or 0.0), spacing, dimension)
 
     def _grid(self, chosen: Floats, spacing: Floats, corners: Floats, dimension: int) -> NestedGrid:
         """The grid of a domain between two corners (2, 3), refined around the coarse points (m, 3)."""
@@ -216,7 +226,7 @@ class TwoScalePlan:
 
 
 def plans_for(
-    points: Floats, sets: Sequence[Integers], roles: BoundaryRoles, method: Method, smoothing: float = 0.0
+    points: Floats, sets: Sequence[Integers], roles: BoundaryRoles, method: Method, smoothing: Smoothing | None = None
 ) -> dict[bytes, TwoScalePlan]:
     """The plans of those of the ``sets`` of control nodes (c,) that need two scales, by the bytes of the nodes.
 
@@ -230,7 +240,7 @@ def plans_for(
 
 
 def plan_for(
-    points: Floats, nodes: Integers, roles: BoundaryRoles, method: Method, smoothing: float = 0.0
+    points: Floats, nodes: Integers, roles: BoundaryRoles, method: Method, smoothing: Smoothing | None = None
 ) -> TwoScalePlan:
     """Make the plan for control nodes (c,) of the mesh ``points`` (n, d)."""
     moving = ~np.isin(nodes, roles.fixed)  # sliding nodes also move
