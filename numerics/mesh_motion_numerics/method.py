@@ -118,9 +118,8 @@ class Method:
         _INTERPOLATION,
         "R. Default: 2.5 times the longest side of the domain; if the domain is longer than 20 times the moving "
         "bodies, 50 times the longest side of the bodies. With the corrections `none` and `smooth`: in a domain "
-        "longer than 10 such sides, 10 of them with `wendland-c2-multiscale` in place of `wendland-c2`, 6 of them with "
-        "another compact basis; and if all fixed nodes are 5 sides away, the bodies' mean displacement is carried "
-        "further than the rest.",
+        "longer than 3.5 such sides, 10 of them with `wendland-c2-multiscale` in place of `wendland-c2`; and if all "
+        "fixed nodes are 5 sides away, the bodies' mean displacement is carried further than the rest.",
         "Make it smaller for bodies in narrow channels with correction `none` or `explicit`: near the width of the "
         "gap. Optimised corrections depend little on R ([measured](beyond.md#defaults)).",
         above=0.0,

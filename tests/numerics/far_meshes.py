@@ -32,3 +32,9 @@ def cusped_aerofoil() -> Mesh:
     """An aerofoil with a cusp in a C-grid: at its edge the wall's nodes are much closer than the layer is high."""
     grid = c_grid("cusped", far=50.0)
     return grid.points, CellTable.from_arrays(grid.cells), grid.patches
+
+
+def bare_aerofoil() -> Mesh:
+    """An aerofoil without layers, whose nodes are far enough from each other for one matrix."""
+    grid = o_grid("blunt", around=100, layers=30, first=2e-2, far=50.0)
+    return grid.points, CellTable.from_arrays(grid.cells), grid.patches

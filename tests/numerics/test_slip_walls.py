@@ -179,7 +179,7 @@ def test_walls_are_held_where_sliding_nodes_would_make_the_mesh_worse() -> None:
     mesh = box_mesh("quad", 10)
     slip = {"body": Patch("moving", mesh.body)} | walls_of(mesh.points, "slip")
     slip |= {name: Patch("fixed", slip[name].nodes) for name in ("x0", "x1")}
-    model = MotionModel.build(mesh.points, mesh.cells, slip, Method(**PLAIN))
+    model = MotionModel.build(mesh.points, mesh.cells, slip, Method(**PLAIN, support_radius=2.5))
     angle, body = -0.379, mesh.points[model.roles.moving]
     turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
     found = model.move(mesh.points, (body - 0.5) @ turn.T + 0.5 + [-0.243, -0.013]).points

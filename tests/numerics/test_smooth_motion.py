@@ -23,6 +23,7 @@ from mesh_motion_numerics.motion.motion import MotionModel
 from mesh_motion_numerics.motion.motion_found import Motion
 from mesh_motion_numerics.motion.smooth_step import NOT_SMOOTH
 from mesh_motion_numerics.quality.metrics import cells_at_rest, corner_quality
+from mesh_motion_numerics.stopwatch import Stopwatch
 from mesh_motion_protocol.errors import QualityRefused
 from periodic_meshes import periodic_box
 from scipy.sparse import bsr_matrix
@@ -118,7 +119,7 @@ def test_a_block_that_turns_and_returns(amplitude: float) -> None:
     least, plain = (min(getattr(m, kind).metric.min for m in motions) for kind in ("corrected", "standard"))
     assert least >= plain
     if amplitude == 60.0:
-        assert (plain, least) == (pytest.approx(0.43, abs=0.01), pytest.approx(0.57, abs=0.01))
+        assert (plain, least) == (pytest.approx(0.35, abs=0.01), pytest.approx(0.55, abs=0.01))
 
 
 @pytest.mark.parametrize(("steps", "bound"), [(32, 2.0), (256, 3.0)])
@@ -140,11 +141,12 @@ def test_noise_moves_no_node_far() -> None:
 
 
 def test_where_no_cell_is_near_the_onset_the_motion_is_the_plain_one() -> None:
-    plain = block_model(correction="none")
-    targets = turned(plain, 12.0)
-    motion = block_model().move(plain.points, targets)
+    model, factors = block_model(), FactorCache(1 << 28)
+    targets = turned(model, 12.0)
+    motion = model.move(model.points, targets, factors)
     assert motion.correction.method == "none"
-    assert np.array_equal(motion.points, plain.move(plain.points, targets).points)
+    plain = model.standard_motion.trial(model.points, targets, factors, Stopwatch())
+    assert np.array_equal(motion.points, plain.points)
 
 
 def test_right_triangles_do_not_jump() -> None:
@@ -200,7 +202,7 @@ def test_the_flag_that_bends_and_returns() -> None:
     steps = [np.linalg.norm(after - before, axis=1) for before, after in pairwise(points)]
     assert max(step.max() / step[model.roles.moving].max() for step in steps) <= 1.5
     assert np.array_equal(motions[-1].points, model.points)
-    assert min(m.standard.metric.min for m in motions) < 0.31
+    assert min(m.standard.metric.min for m in motions) < 0.38
     assert min(m.corrected.metric.min for m in motions) > 0.44
 
 

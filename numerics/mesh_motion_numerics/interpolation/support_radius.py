@@ -8,11 +8,12 @@ The rule is ``R = 2.5 min(L, 20 B)``: L the longest side of the bounding box of 
 - A far field that is hundreds of body lengths away is not included: the surroundings of the body move nearly like the
   body in either case. The weights grow as (R/h)³, and with them the rounding errors: beyond 50 B there is no gain.
 
-In a domain longer than 10 B, the default motion and interpolation alone have R = 10 B and the multiscale basis. With
-the radius above, some nodes move up to 11 times as fast as a body that turns, 1 B or 20 B from a wall; with 10 B up to
-twice as fast, and with 16 B up to 2.5 times. When a body turns by 45° the cells keep 0.01 to 0.02 more of their shape
-with 16 B, and 0.04 to 0.06 less with Wendland's C2 function and the 6 B that make it as fast. Other compact functions
-have 6 B.
+In a domain longer than 3.5 B, the default motion and interpolation alone have R = 10 B and the multiscale basis in
+place of Wendland's C2 function. With the radius above, some nodes move up to 11 times as fast as a body that turns, 1 B
+or 20 B from a wall, and 2.2 times in domains of 4 to 6 B; with 10 B up to twice as fast, and with 16 B up to 2.5 times.
+When a body turns by 45° the cells keep 0.01 to 0.02 more of their shape with 16 B, and 0.04 to 0.06 less with
+Wendland's C2 function and the 6 B that make it as fast. In smaller domains both are as good, and the sum of four scales
+costs more.
 
 If all fixed nodes are far away, at a distance D of at least 5 B from the middle of the moving nodes' box, a small
 radius is bad for shifts. So the mean displacement has its own, R_t = 1.6 D (:mod:`.far_field`). If a cylinder is
@@ -42,7 +43,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from mesh_motion_numerics.arrays import Floats
-from mesh_motion_numerics.interpolation.kernels import DEFAULT_BASIS, MULTISCALE, basis_named
+from mesh_motion_numerics.interpolation.kernels import DEFAULT_BASIS, MULTISCALE
 from mesh_motion_numerics.interpolation.two_scale.smoothing import Smoothing
 from mesh_motion_numerics.mesh.points import bounding_box
 from mesh_motion_numerics.mesh.roles import BoundaryRoles
@@ -52,16 +53,15 @@ __all__ = ["Reach", "suggest_enrichment_radius", "suggest_support_radius", "wide
 
 _DOMAIN_LENGTHS, _BODIES = 2.5, 20.0
 #: Least L of a large domain, least D of a far field, and R in both with the multiscale basis, in B; R_t in D.
-_LARGE, _FAR, _NEAR, _MEAN = 10.0, 5.0, 10.0, 1.6
-#: R of other compact functions, in that of the multiscale basis.
-_OTHER = 0.6
-#: Shortest wave of the boundary that the first level follows, in B, and the radii of the narrow levels in spacings:
-#: without layers that move with their walls, and with them. Noise of the boundary reaches the nodes of 26 meshes up to
-#: 12 times as large, without smoothing up to hundreds of times. With a shorter wave the noise grows. With a longer one,
-#: or narrower levels, first cells turn: those of an aerofoil that turns by 45° lean over by 2.4° (without smoothing by
-#: 1.7°), with 0.25 B by 3.6°, with 8 spacings by 4°. First cells of a layer that moves with its wall do not turn; but
-#: wide levels continue the noise of a thin trailing edge into the wake: 15 times with 16 spacings, 8 times with 6.
-_SMOOTH, _SMOOTH_LAYER = (0.125, 16.0), (0.3, 6.0)
+_LARGE, _FAR, _NEAR, _MEAN = 3.5, 5.0, 10.0, 1.6
+#: Shortest wave of the boundary that the first level follows, in B (in 3D in the second side, as the longest may be the
+#: span), and the radii of the narrow levels in spacings: by dimension without layers that move with their walls, and
+#: with them. Noise of the boundary reaches the nodes of 29 meshes up to 13 times as large, without smoothing up to
+#: hundreds of times. With a shorter wave or wider levels the noise grows: 15 times with 16 spacings. With a longer wave
+#: or narrower levels, first cells turn: at the sharp edges of aerofoils that turn by 45° by 1.9° to 3.5° (1.6° to 1.7°
+#: without smoothing), with 0.15 B and 6 spacings by up to 5°. First cells of a layer that moves with its wall do not
+#: turn; but levels continue the noise of a thin trailing edge into the wake, 15 times with 16 spacings, 8 with 6.
+_SMOOTH, _SMOOTH_LAYER = {1: (0.125, 10.0), 2: (0.125, 10.0), 3: (0.2, 16.0)}, (0.3, 6.0)
 _SAMPLE = 20_000  # number of nodes at which the largest ball is searched
 _EACH = 16  # every 16th of them is tested first
 _ROUNDING = 1e-9
@@ -105,8 +105,7 @@ def with_reach(method: Method, points: Floats, roles: BoundaryRoles, *, periodic
 
     A support radius that the method names is kept, with its basis and no other radius.
 
-    Only the default motion and interpolation alone have small radii in large domains. Only the default motion is
-    smoothed.
+    Only the default motion and interpolation alone have the multiscale basis. Only the default motion is smoothed.
 
     Parameters
     ----------
@@ -117,20 +116,20 @@ def with_reach(method: Method, points: Floats, roles: BoundaryRoles, *, periodic
     basis, radius, mean_radius = method.basis, method.support_radius, 0.0
     alone = method.correction in ("none", "smooth") and method.reduction == "none" and not periodic
     smoothing = []
-    if alone and len(roles.moving):
-        body = _longest_side(points[roles.moving])
-        if method.correction == "smooth" and body > 0.0:
-            smoothing = [Smoothing(wave * body, radii) for wave, radii in (_SMOOTH, _SMOOTH_LAYER)]
-        if radius is None and basis_named(basis).compact and body > 0.0 and len(roles.fixed):
-            middle = bounding_box(points[roles.moving]).mean(axis=0)
-            away = float(np.linalg.norm(points[roles.fixed] - middle, axis=1).min())
-            far = away >= _FAR * body
-            if far or _longest_side(points) > _LARGE * body:
-                if basis == DEFAULT_BASIS:
-                    basis = MULTISCALE
-                radius = float(f"{_NEAR * body * (1.0 if basis == MULTISCALE else _OTHER):.2g}")
-            if far:
-                mean_radius = float(f"{_MEAN * away:.2g}")
+    body = _longest_side(points[roles.moving]) if len(roles.moving) else 0.0
+    if alone and body > 0.0:
+        if method.correction == "smooth":
+            sides = np.sort(np.ptp(bounding_box(points[roles.moving]), axis=0))
+            section = float(sides[-2:].min()) if len(sides) > 2 else body
+            pairs = _SMOOTH[len(sides)], _SMOOTH_LAYER
+            smoothing = [Smoothing(wave * section, radii) for wave, radii in pairs]
+        middle = bounding_box(points[roles.moving]).mean(axis=0)
+        away = float(np.linalg.norm(points[roles.fixed] - middle, axis=1).min(initial=np.inf))
+        far = _FAR * body <= away < np.inf
+        large = far or _longest_side(points) > _LARGE * body
+        if large and radius is None and basis in (DEFAULT_BASIS, MULTISCALE):
+            basis, radius = MULTISCALE, float(f"{_NEAR * body:.2g}")
+            mean_radius = float(f"{_MEAN * away:.2g}") if far else 0.0
     if radius is None:
         radius = suggest_support_radius(points, roles)
     reach = Reach(mean_radius, *smoothing)

@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -98,11 +98,14 @@ class CompactLevel:
     radius : float, mesh length unit
     precondition : SparseInverse
         Preconditioner of the reference mesh.
+    direct : bool
+        Whether a factor solves it, so that it is linear to rounding. Its nodes are few, and are factorized once.
     """
 
     members: Integers
     radius: float
     precondition: SparseInverse
+    direct: bool = False
 
 
 def compact_levels(
@@ -136,7 +139,7 @@ def levels_of_all(points: Floats, spacing: Floats, moving: Marks, radii: float) 
     low, high = np.percentile(spacing[moving if moving.any() else ~moving], [_CLOSE, _WIDE], method="nearest")
     wider = math.ceil(math.log(high / low, LEVEL_RATIO) - _ROUNDING)
     nested = _nested(points, float(low) * LEVEL_RATIO**wider, np.empty(0, np.int64))
-    return _levels(points, spacing, nested, float(low), radii)
+    return [replace(level, direct=True) for level in _levels(points, spacing, nested, float(low), radii)]
 
 
 def levels_below(points: Floats, spacing: Floats, separation: float, *, coarse: Integers) -> list[CompactLevel]:
@@ -232,7 +235,7 @@ class CompactSystem:
     @cached_property
     def _factor(self) -> SparseCholesky | None:
         """The factor of the matrix, if its rows are short; made for the first exact solution."""
-        if len(self.matrix.data) > _FEW * len(self.points):
+        if not self.level.direct and len(self.matrix.data) > _FEW * len(self.points):
             return None
         return SparseCholesky.build(self.matrix, self.points)
 
@@ -252,9 +255,10 @@ class CompactSystem:
         QualityRefused
             If the residual stays above 1e-9 of the scale, or for a level before the last above 1e-6.
         """
-        weights, iterations = self.weights(
-            residual.take(self.level.members, axis=0), scale, _TOLERANCE if last else _WIDE_TOLERANCE
-        )
+        own = residual.take(self.level.members, axis=0)
+        if self.level.direct:
+            return self.interpolant(self.exactly(own)), 0
+        weights, iterations = self.weights(own, scale, _TOLERANCE if last else _WIDE_TOLERANCE)
         return self.interpolant(weights), iterations
 
     def interpolant(self, weights: Floats) -> Interpolant:

@@ -128,7 +128,7 @@ class TwoScalePlan:
     @property
     def usable(self) -> bool:
         """Whether the plan is better than one scale with all control points."""
-        return self.joined if self.gridded else bool(self.levels)
+        return self.joined if self.gridded else bool(self.levels) or not self.single
 
     @cached_property
     def distinct(self) -> Integers:
@@ -203,7 +203,7 @@ class TwoScalePlan:
             support_radius=self.support_radius,
             solver="dense",
             spacing=spacing,
-            smoothing=self._shares(spacing, points.shape[1]),
+            smoothing=self._shares(chosen, spacing),
         )
         corners = padded(np.stack([low, high]))
         grid = self._grid(padded(chosen), spacing, corners, points.shape[1]) if self.gridded else None
@@ -211,11 +211,11 @@ class TwoScalePlan:
         systems = [CompactSystem.build(level, distinct) for level in self.levels]
         return TwoScaleFactorization(points, self, coarse, grid, systems)
 
-    def _shares(self, spacing: Floats, dimension: int) -> Floats | None:
-        """λ of the coarse points with the spacing (m,); None without smoothing."""
+    def _shares(self, points: Floats, spacing: Floats) -> Floats | None:
+        """λ of the coarse points (m, d) with their spacing (m,); None without smoothing."""
         if self.smoothing is None:
             return None
-        return self.smoothing.shares(basis_named(self.basis), float(self.support_radius or 0.0), spacing, dimension)
+        return self.smoothing.shares(basis_named(self.basis), float(self.support_radius or 0.0), points, spacing)
 
     def _grid(self, chosen: Floats, spacing: Floats, corners: Floats, dimension: int) -> NestedGrid:
         """The grid of a domain between two corners (2, 3), refined around the coarse points (m, 3)."""
