@@ -24,7 +24,7 @@ def periodic_box(kind: str, n: int = 10, *, axes: str = "y", shear: float = 0.0,
     return points, mesh.cells, patches
 
 
-def sector(kind: str, n: int = 10, *, sectors: int = 6, ends: str = "fixed") -> Mesh:
+def sector(kind: str, n: int = 10, *, sectors: float = 6, ends: str = "fixed") -> Mesh:
     """The box bent around the z axis: x is the radius less 1, y the angle; its sides in y are periodic."""
     points, cells, patches = periodic_box(kind, n, ends=ends)
     angle, radius = points[:, 1] * 2.0 * np.pi / sectors, 1.0 + points[:, 0]

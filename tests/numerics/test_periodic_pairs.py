@@ -48,6 +48,17 @@ def test_a_sector_is_a_rotation_by_exactly_its_share(kind: str, sectors: int) ->
     assert pair.describe().endswith(f"nodes each, rotation by 360°/{sectors}")
 
 
+@pytest.mark.parametrize("kind", ["quad", "tetra"])
+@pytest.mark.parametrize("degrees", [50.0, 51.4, 102.857, 170.0])
+def test_a_sector_has_any_angle(kind: str, degrees: float) -> None:
+    """51.4° is nearly a seventh of a turn, but no node is at that place."""
+    (pair,) = pairs_of(sector(kind, 10, sectors=360.0 / degrees))
+    assert pair.transform.sectors == 0
+    assert np.degrees(abs(pair.transform.angle)) == pytest.approx(degrees, rel=1e-12)
+    assert pair.describe().endswith(f"nodes each, rotation by {degrees:g}°")
+    assert pair.error < 1e-13
+
+
 def test_a_sector_anywhere_in_space_is_found() -> None:
     points, cells, patches = sector("hexahedron", 5)
     rotation = np.linalg.qr(np.random.default_rng(2).normal(size=(3, 3)))[0]

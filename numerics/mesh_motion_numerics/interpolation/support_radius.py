@@ -43,6 +43,7 @@ from scipy.spatial import cKDTree
 
 from mesh_motion_numerics.arrays import Floats
 from mesh_motion_numerics.interpolation.kernels import DEFAULT_BASIS, MULTISCALE, basis_named
+from mesh_motion_numerics.mesh.periodic_nodes import PeriodicNodes
 from mesh_motion_numerics.mesh.points import bounding_box
 from mesh_motion_numerics.mesh.roles import BoundaryRoles
 from mesh_motion_numerics.method import Method
@@ -98,7 +99,9 @@ class Reach(NamedTuple):
     layer_smoothing: float = 0.0
 
 
-def with_reach(method: Method, points: Floats, roles: BoundaryRoles, *, periodic: bool) -> tuple[Method, Reach]:
+def with_reach(
+    method: Method, points: Floats, roles: BoundaryRoles, *, periodic: PeriodicNodes | None
+) -> tuple[Method, Reach]:
     """The method with its basis and radii for a mesh, and its reach.
 
     A support radius that the method names is kept, with its basis and no other radius.
@@ -109,11 +112,16 @@ def with_reach(method: Method, points: Floats, roles: BoundaryRoles, *, periodic
     Parameters
     ----------
     points : (n, d) array, mesh length unit
-    periodic : bool
-        Whether the mesh has periodic patches: then the body has images.
+    periodic : PeriodicNodes or None
+        Those of a mesh with periodic patches: then the body has images.
+
+    Raises
+    ------
+    InvalidInput
+        If the support reaches around the axis of an :class:`.OpenSector`.
     """
     basis, radius, mean_radius = method.basis, method.support_radius, 0.0
-    alone = method.correction in ("none", "smooth") and method.reduction == "none" and not periodic
+    alone = method.correction in ("none", "smooth") and method.reduction == "none" and periodic is None
     smoothing = _SMOOTH if alone and method.correction == "smooth" else 0.0
     if alone:
         body = _longest_side(points[roles.moving])
@@ -127,8 +135,12 @@ def with_reach(method: Method, points: Floats, roles: BoundaryRoles, *, periodic
                 radius = float(f"{_NEAR * body * (1.0 if basis == MULTISCALE else _OTHER):.2g}")
             if far:
                 mean_radius = float(f"{_MEAN * away:.2g}")
+    sector = None if periodic is None else periodic.open_sector
     if radius is None:
         radius = suggest_support_radius(points, roles)
+        radius = radius if sector is None else min(radius, sector.suggested_radius)
+    if sector is not None:
+        sector.check(radius)
     reach = Reach(mean_radius, smoothing, _SMOOTH_LAYER if smoothing and mean_radius else smoothing)
     enrichment = method.enrichment_radius or suggest_enrichment_radius(points, roles, radius)
     return replace(method, basis=basis, support_radius=radius, enrichment_radius=enrichment), reach

@@ -10,11 +10,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from mesh_motion_protocol.errors import InvalidInput
 
 from mesh_motion_numerics.arrays import Floats, Integers, Marks
+from mesh_motion_numerics.mesh.open_sector import OpenSector
 from mesh_motion_numerics.mesh.paths import RigidMotion, fit_screw
 from mesh_motion_numerics.mesh.periodic_pairs import PeriodicPair, periodic_pairs
 from mesh_motion_numerics.mesh.rigid_transforms import Transform
@@ -99,6 +101,11 @@ class PeriodicNodes:
     def generators(self) -> tuple[Transform, ...]:
         """Generators of the group of all periodic images."""
         return tuple(pair.transform for pair in self.pairs)
+
+    @cached_property
+    def open_sector(self) -> OpenSector | None:
+        """The sector whose angle is no whole fraction of a turn; None if there is none."""
+        return OpenSector.of(self.reference, self.generators)
 
     @property
     def turns(self) -> bool:
