@@ -14,7 +14,7 @@ from mesh_motion_numerics.motion.motion import MotionModel
 from mesh_motion_numerics.motion.motion_found import Motion
 from mesh_motion_numerics.stopwatch import Stopwatch
 from mesh_motion_protocol.errors import InvalidInput
-from periodic_meshes import Mesh, periodic_box, sector, turn
+from periodic_meshes import Mesh, joined_sector, periodic_box, sector, turn
 from trial_stages import displacement_by
 
 
@@ -290,6 +290,23 @@ def test_a_sector_turns_by_any_angle_between_slip_hub_and_tip(
         assert pair_error(model, points) <= 1e-14
     surfaces = model.standard_motion.sliding
     np.testing.assert_allclose(surfaces.project(points[surfaces.nodes]), points[surfaces.nodes], atol=1e-13)
+
+
+@pytest.mark.parametrize("correction", ["none", "smooth"])
+@pytest.mark.parametrize(
+    ("kind", "n", "cone"),
+    [("quad", 20, 0.0), ("hexahedron", 10, 0.0), ("hexahedron", 10, 0.3)],
+    ids=["2D", "3D", "cone"],
+)
+def test_a_blade_on_a_slip_hub_turns_by_any_angle(kind: str, n: int, cone: float, correction: str) -> None:
+    """The hub goes on over the blade's root, so the mesh turns as a whole; each step is many facets long."""
+    mesh = joined_sector(kind, n, angle=np.radians(30.0), cone=cone)
+    model = MotionModel.build(*mesh, Method(correction=correction))
+    for angle in (5.0, 12.0, 100.0, 365.0):
+        around = turn(360, mesh[0].shape[1], angle)
+        found = model.move(mesh[0], mesh[0][model.roles.moving] @ around.T)
+        np.testing.assert_allclose(found.points, mesh[0] @ around.T, atol=2e-3)  # facets of 3°: 2e-4 of their radius
+        assert pair_error(model, found.points) <= 1e-14
 
 
 def test_a_row_is_carried_along_its_slip_walls_by_several_periods() -> None:
