@@ -22,8 +22,7 @@ from mesh_motion_numerics.mesh.rigid_transforms import Transform
 __all__ = ["OpenSector"]
 
 
-#: Rotations whose entries differ by less are the same.
-_SAME = 1e-6
+_SAME = 1e-6  # a radius below this share of the mesh is none; so are parts of a direction
 #: Share of the largest radius that is suggested: rounded to two digits, it is below the largest.
 _SUGGESTED = 0.95
 
@@ -62,8 +61,7 @@ class OpenSector:
         turn = next((one for one in generators if one.turns and not one.sectors), None)
         if turn is None:
             return None
-        same = [any(_is_same(one, way) for way in (turn, turn.inverse())) for one in generators]
-        others = tuple(one for one, repeated in zip(generators, same, strict=True) if not repeated)
+        others = tuple(one for one in generators if one is not turn)
         angle = abs(turn.angle)
         what = f"the periodic sides are {math.degrees(angle):.6g}° apart, no whole fraction of a turn"
         if any(one.turns for one in others):
@@ -117,10 +115,6 @@ class OpenSector:
                 last = step.after(last)
                 found.append(last)
         return found
-
-
-def _is_same(one: Transform, other: Transform) -> bool:
-    return bool(np.abs(one.rotation - other.rotation).max() < _SAME)
 
 
 def _refused(message: str) -> InvalidInput:

@@ -4,23 +4,26 @@ A translation is found from the patches' centroids. A rotation is found from two
 farthest from the centroid, and in 3D the one that spans the largest triangle with it) and every pair of nodes of the
 other patch that could be their images. It is a full turn divided by an integer if that fits, else any angle, about an
 axis, without a shift along it, and with the mesh on the smaller side of it. In both cases every node must then have an
-image among the other patch's nodes, close relative to the local spacing.
+image among the other patch's nodes, close relative to the local spacing. If a patch may be paired with several, as the
+parts of a divided side may, the period that most pairs have decides.
 """
 
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from mesh_motion_protocol.errors import InvalidInput
 from scipy.spatial import cKDTree
 
 from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_numerics.mesh.points import bounding_box
 from mesh_motion_numerics.mesh.rigid_transforms import Transform
 from mesh_motion_numerics.mesh.smooth_pieces import area_vectors, widened
 from mesh_motion_numerics.mesh.spacing import local_spacing
 
-__all__ = ["PeriodicPair", "periodic_pairs"]
+__all__ = ["PeriodicPair", "is_same_period", "periodic_pairs"]
 
 
 #: Largest error of an image, as a share of the distance to the nearest other node of its patch.
@@ -96,14 +99,35 @@ def periodic_pairs(
     _refuse_same(sides)
     pairs: list[PeriodicPair] = []
     for candidates in (_translations, _rotations):  # a box allows both, so translations are tried first
-        for place, first in enumerate(sides):
-            for second in sides[place + 1 :]:
-                taken = {name for pair in pairs for name in (pair.first, pair.second)}
-                if first.name not in taken and second.name not in taken:
-                    pair = _pair(first, second, candidates(first, second))
-                    pairs += [pair] if pair else []
+        single = [side for side in sides if not any(side.name in (pair.first, pair.second) for pair in pairs)]
+        found = [
+            _pair(first, second, candidates(first, second))
+            for place, first in enumerate(single)
+            for second in single[place + 1 :]
+        ]
+        pairs += _agreeing([pair for pair in found if pair], points)
     _refuse_single(sides, pairs)
     return tuple(pairs)
+
+
+def _agreeing(pairs: list[PeriodicPair], points: Floats) -> list[PeriodicPair]:
+    """Of pairs that share patches, those whose period most pairs have: parts of one side have the same image."""
+    left, chosen = list(pairs), []
+    while left:
+        alike = [[other for other in left if is_same_period(pair.transform, other.transform, points)] for pair in left]
+        names = [{name for pair in group for name in (pair.first, pair.second)} for group in alike]
+        most = left[max(range(len(left)), key=lambda row: len(names[row]))]  # the first of several
+        chosen.append(most)
+        left = [pair for pair in left if not {pair.first, pair.second} & {most.first, most.second}]
+    return chosen
+
+
+def is_same_period(one: Transform, other: Transform, points: Floats) -> bool:
+    """Whether two transforms, or one and the inverse of the other, differ by rounding only in the box of a mesh."""
+    corners = np.array(list(product(*bounding_box(points).T)))
+    there = one(corners)
+    reach = float(np.abs(there - corners).max())
+    return any(np.abs(there - way(corners)).max() <= _TOLERANCE * reach for way in (other, other.inverse()))
 
 
 def _side(points: Floats, facets: Mapping[str, Integers], name: str, nodes: Integers) -> _Side:
