@@ -138,6 +138,7 @@ class OnFacets:
     @classmethod
     def from_simplices(cls, points: Floats, simplices: Integers, *, images: Sequence[Transform] = ()) -> OnFacets:
         """Build it from points (n, d), the nodes (f, 2 or 3) of segments or triangles, and their periodic images."""
+        own = len(simplices)
         for image in images:
             count, forth = len(points), image(points)
             points = np.concatenate([points, forth, image.inverse()(points)])
@@ -145,16 +146,18 @@ class OnFacets:
         corners = points[simplices]
         direction = _direction(corners)
         size = np.linalg.norm(direction, axis=1)[:, None, None]
-        own = direction[:, :, None] * direction[:, None, :] / size
+        outer = direction[:, :, None] * direction[:, None, :] / size
         used, numbers = np.unique(simplices, return_inverse=True)
         # a periodic side also has the nodes of the next image: directions there come from the facets on both sides
         shortest = float(np.linalg.norm(corners[:, 1] - corners[:, 0], axis=1).min())
         numbers = first_at_place(points[used], shortest, _SAME_NODE)[numbers].reshape(simplices.shape)
-        tensors = np.zeros((len(used), *own.shape[1:]))
+        tensors = np.zeros((len(used), *outer.shape[1:]))
         for column in numbers.T:
-            np.add.at(tensors, column, own)
-        turn = next((image for image in images if image.turns and turns_onto_itself(corners, image)), None)
-        return cls(FacetSet(corners), corners, tensors[numbers], images, _ends(numbers), turn)
+            np.add.at(tensors, column, outer)
+        ends, turn = _ends(numbers), None
+        if ends[:own].any():
+            turn = next((image for image in images if image.turns and turns_onto_itself(corners, image)), None)
+        return cls(FacetSet(corners), corners, tensors[numbers], images, ends, turn)
 
     @property
     def freedom(self) -> int:
@@ -168,7 +171,7 @@ class OnFacets:
     def _near(self, positions: Floats, reference: Floats) -> tuple[Floats, Floats, Floats, Integers]:
         """As :func:`.nearest_images`; rows (k,) that the facets end at are turned to the angle of their reference."""
         near, rotations, shifts = nearest_images(positions, reference, self.images)
-        if self.turn is None or self.ends is None or not self.ends.any():
+        if self.turn is None or self.ends is None:
             return near, rotations, shifts, np.empty(0, dtype=np.int64)
         places = self.facets.smooth(near, self._directions)
         rows, facets = self.facets.containing(places)
