@@ -119,7 +119,7 @@ class ServerSettings(_Strict):
 
     endpoint: str = "tcp://127.0.0.1:7440"  # where it listens: tcp://HOST:PORT or ipc:///PATH
     advertised_host: Annotated[str, Field(pattern=r"^[^\s/]+$")] | None = None  # of data endpoints
-    data_ports: Annotated[str, Field(pattern=r"^[0-9]{1,5}-[0-9]{1,5}$")] | None = None  # a range
+    data_ports: Annotated[str, Field(pattern=r"^[0-9]+-[0-9]+$")] | None = None  # a range
     state_folder: Annotated[Path, Field(strict=False)] = Path("~/.local/state/mesh-motion")  # where sessions are stored
     keys_folder: Annotated[Path | None, Field(strict=False)] = None  # keys of the server and its clients; None: no keys
     max_sessions: Annotated[int, Field(ge=1)] = 64  # sessions with a worker at a time
@@ -153,6 +153,14 @@ class ServerSettings(_Strict):
     def _each_once(cls, value: list[str]) -> list[str]:
         if len(set(value)) < len(value):
             raise ValueError("each level once")
+        return value
+
+    @field_validator("data_ports")
+    @classmethod
+    def _a_range(cls, value: str | None) -> str | None:
+        first, last = map(int, (value or "1-1").split("-"))
+        if not 1 <= first <= last <= 65535:
+            raise ValueError("FIRST-LAST of 1 to 65535")
         return value
 
     @field_validator("state_folder", "keys_folder")

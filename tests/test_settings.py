@@ -92,6 +92,10 @@ def test_the_limits_announced_are_the_protocols() -> None:
         {"threads": 1.0},
         {"threads": -1},
         {"threads": 10**20},
+        {"data_ports": "0-9"},
+        {"data_ports": "7504-7441"},
+        {"data_ports": "65535-65536"},
+        {"data_ports": "7441"},
     ],
 )
 def test_server_settings_are_as_strict(values: dict[str, Any]) -> None:

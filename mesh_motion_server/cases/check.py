@@ -173,11 +173,11 @@ def _report(path: Path, mesh: MeshFile, case: Case | None, warnings: list[str] |
     without_loose = split.without(mesh.points, checked.loose)
     method = Method() if case is None else case.content.method.to_method()
     if case is not None:
-        check_method(method, *without_loose)
+        check_method(method, *without_loose, periodic=periodic is not None)
     quality = cell_quality(mesh.points, cells, sizes)
     radius = None if case is None else case.content.method.support_radius
     unnamed = replace(method, support_radius=None)
-    suggested = with_reach(unnamed, *without_loose, periodic=periodic is not None)[0]
+    suggested = with_reach(unnamed, *without_loose, periodic=periodic)[0]
     control = mesh.points[split.all]
     return CheckReport(
         path=path,

@@ -26,6 +26,7 @@ MESHES = {
     "periodic": lambda: periodic_box("quad", 20, shear=0.3),
     "periodic, many in plane": lambda: periodic_box("quad", 240),
     "sector": lambda: sector("quad", 20),
+    "sector of 50°": lambda: sector("quad", 20, sectors=7.2),
     "sector in space": lambda: with_roles(sector("hexahedron", 10), {"z0": "slip", "z1": "slip"}),
 }
 #: Of the block: no cell resists the first, some do the others.
@@ -97,7 +98,7 @@ def test_a_correction_reaches_beyond_a_periodic_side(server, ranks):
         assert np.abs(points - expected[nodes]).max() < 1e-9
 
 
-@pytest.mark.parametrize("mesh", ["plane", "curved", "planes in space", "periodic", "sector"])
+@pytest.mark.parametrize("mesh", ["plane", "curved", "planes in space", "periodic", "sector", "sector of 50°"])
 @pytest.mark.parametrize("shift", [SMALL, LARGE], ids=["plain", "corrected"])
 def test_derivatives_are_those_of_a_session_with_the_whole_mesh(server, mesh, shift):
     whole = as_client(*MESHES[mesh]())

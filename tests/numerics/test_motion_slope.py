@@ -22,7 +22,7 @@ from mesh_motion_numerics.mesh.roles import Patch
 from mesh_motion_numerics.method import Method
 from mesh_motion_numerics.motion.motion import MotionModel
 from mesh_motion_protocol.errors import InvalidInput, QualityRefused
-from periodic_meshes import periodic_box, sector, turn
+from periodic_meshes import joined_sector, periodic_box, sector, turn
 from sliding_meshes import Mesh, duct, rounded
 
 from mesh_motion_server.session.factors import FactorCache
@@ -85,6 +85,7 @@ CASES: dict[str, tuple[Callable[[], Mesh], dict[str, object]]] = {
     "periodic both ways, oblique, in space": (lambda: periodic_box("tetra", 5, axes="yz", shear=0.3), {}),
     "a sector": (lambda: sector("quad + triangle"), {}),
     "a sector in space": (lambda: sector("hexahedron", 5), {}),
+    "a sector of 50°": (lambda: sector("quad + triangle", sectors=7.2), {}),
     "a sector with a wall that slides": (lambda: one_slides(sector("hexahedron", 5)), PLAIN),
     "curved slip walls": (lambda: duct("quad", bend=0.6), {}),
     "curved slip walls, and nodes that slide no more": (lambda: duct("quad", bend=0.6), PLAIN),
@@ -101,6 +102,7 @@ CASES: dict[str, tuple[Callable[[], Mesh], dict[str, object]]] = {
     "nothing fixed, periodic both ways": (lambda: periodic_box("quad", axes="xy"), {}),
     "nothing fixed, periodic along walls": (lambda: periodic_box("hexahedron", 5, ends="slip"), {}),
     "nothing fixed, a sector in an annulus": (lambda: sector("quad", ends="slip"), {}),
+    "a blade on the slip hub of a sector": (lambda: joined_sector("quad", 10, angle=0.8), PLAIN),
     "nothing fixed, a sector between hub and tip": (lambda: sector("hexahedron", 5, ends="slip"), {}),
     "far field": (lambda: far_block("quad", 20), {}),
     "far field in space, plain": (lambda: far_block("tetra", 10), PLAIN),

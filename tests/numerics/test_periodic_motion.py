@@ -14,7 +14,7 @@ from mesh_motion_numerics.motion.motion import MotionModel
 from mesh_motion_numerics.motion.motion_found import Motion
 from mesh_motion_numerics.stopwatch import Stopwatch
 from mesh_motion_protocol.errors import InvalidInput
-from periodic_meshes import Mesh, periodic_box, sector, turn
+from periodic_meshes import Mesh, joined_sector, periodic_box, sector, turn
 from trial_stages import displacement_by
 
 
@@ -35,15 +35,17 @@ def pair_error(model: MotionModel, points: np.ndarray) -> float:
     return float(np.abs((points - model.points)[periodic.members] - turned).max())
 
 
-def ring_of(mesh: Mesh, sectors: int) -> tuple[Mesh, np.ndarray]:
-    """All sectors of a mesh, merged; and the number (sectors, n) of each sector's nodes in it."""
+def ring_of(mesh: Mesh, sectors: int, count: int | None = None) -> tuple[Mesh, np.ndarray]:
+    """All sectors of a mesh, or the first ``count``, merged; and the number (count, n) of each one's nodes in it."""
     points, cells, patches = mesh
-    d = points.shape[1]
-    copies = np.concatenate([points @ turn(sectors, d, k).T for k in range(sectors)])
+    d, count = points.shape[1], count or sectors
+    copies = np.concatenate([points @ turn(sectors, d, k).T for k in range(count)])
     _, first, number = np.unique(np.round(copies, 9) + 0.0, axis=0, return_index=True, return_inverse=True)
-    number = number.reshape(sectors, len(points))
-    table = {b.type.name: np.concatenate([number[k][b.nodes] for k in range(sectors)]) for b in cells}
+    number = number.reshape(count, len(points))
+    table = {b.type.name: np.concatenate([number[k][b.nodes] for k in range(count)]) for b in cells}
     whole = {n: Patch(p.role, np.unique(number[:, p.nodes])) for n, p in patches.items() if p.role != "periodic"}
+    if count < sectors:
+        whole |= {n: Patch("periodic", number[k][patches[n].nodes]) for n, k in (("y0", 0), ("y1", -1))}
     return (copies[first], CellTable.from_arrays(table), whole), number
 
 
@@ -67,6 +69,60 @@ def test_a_sector_moves_as_in_the_whole_ring(
     found = moved(one, *shift).points
     # a node may be projected onto either of two facets of a curved slip wall: the same place to rounding
     np.testing.assert_allclose(found, expected, atol=2e-10)
+
+
+@pytest.mark.parametrize(("kind", "n", "ends"), [("quad", 10, "fixed"), ("quad", 10, "slip"), ("wedge", 5, "slip")])
+@pytest.mark.parametrize("sectors", [7, 37])
+def test_two_passages_of_an_odd_number_move_as_one(kind: str, n: int, ends: str, sectors: int) -> None:
+    """Their angle, 2/7 or 2/37 of a turn, is no whole fraction of it; with equal motions they are one sector twice."""
+    mesh = sector(kind, n, sectors=sectors, ends=ends)
+    two, number = ring_of(mesh, sectors, 2)
+    one, both = (model_of(each, correction="none", allow_invalid=True) for each in (mesh, two))
+    assert not both.standard_motion.periodic.generators[0].sectors
+    shift = np.array([0.1, 0.15, 0.1])[: mesh[0].shape[1]]
+    shift[1] = min(shift[1], 1.0 / sectors)
+    targets = two[0].copy()
+    for k in range(2):
+        targets[number[k][mesh[2]["body"].nodes]] += turn(sectors, len(shift), k) @ shift
+    found = both.move(both.points, targets[both.roles.moving]).points
+    np.testing.assert_allclose(found[number[0]], moved(one, *shift).points, atol=2e-10)
+    assert pair_error(both, found) <= 1e-15
+
+
+@pytest.mark.parametrize("kind", ["quad", "wedge"])
+def test_one_of_two_passages_moves_alone(kind: str) -> None:
+    """After a turn the images would be at the places of the other passage: they do not count."""
+    mesh, number = ring_of(sector(kind, 5, sectors=7), 7, 2)
+    model = MotionModel.build(*mesh, Method(correction="none"))
+    targets = mesh[0].copy()
+    body = number[0][sector(kind, 5)[2]["body"].nodes]
+    targets[body] += [0.05, 0.1, 0.05][: mesh[0].shape[1]]
+    found = model.move(mesh[0], targets[model.roles.moving])
+    assert found.corrected.metric.min > 0.6
+    assert pair_error(model, found.points) <= 1e-15
+
+
+@pytest.mark.parametrize("kind", ["quad", "wedge"])
+def test_two_passages_of_seven_turn_by_any_angle(kind: str) -> None:
+    mesh, _ = ring_of(sector(kind, 5, sectors=7, ends="slip"), 7, 2)
+    model = MotionModel.build(*mesh, Method())
+    body = mesh[0][model.roles.moving]
+    for angle in (50.0, 220.0, 600.0):
+        found = model.move(mesh[0], body @ turn(360, mesh[0].shape[1], angle).T)
+        assert found.corrected.metric.min > 0.95
+        assert pair_error(model, found.points) <= 1e-14
+
+
+def test_a_support_that_reaches_around_the_axis_is_refused() -> None:
+    mesh, _ = ring_of(sector("quad", 5, sectors=7), 7, 2)
+    with pytest.raises(InvalidInput, match=r"support_radius = 1.3: expected at most 1.25, .*sector of 102.857°"):
+        MotionModel.build(*mesh, Method(support_radius=1.3))
+    half, _ = ring_of(sector("quad", 5, sectors=9), 9, 5)
+    with pytest.raises(InvalidInput, match=r"spans less than half a turn .*, got 200° and 1 from the axis"):
+        MotionModel.build(*half, Method())
+    points = mesh[0] * (1.0 - 1.0 / np.linalg.norm(mesh[0], axis=1))[:, None]  # to the axis
+    with pytest.raises(InvalidInput, match=r"does not reach the axis"):
+        MotionModel.build(points + 1e-9 * mesh[0], *mesh[1:], Method())
 
 
 @pytest.mark.parametrize("axes", ["y", "xy"])
@@ -234,6 +290,23 @@ def test_a_sector_turns_by_any_angle_between_slip_hub_and_tip(
         assert pair_error(model, points) <= 1e-14
     surfaces = model.standard_motion.sliding
     np.testing.assert_allclose(surfaces.project(points[surfaces.nodes]), points[surfaces.nodes], atol=1e-13)
+
+
+@pytest.mark.parametrize("correction", ["none", "smooth"])
+@pytest.mark.parametrize(
+    ("kind", "n", "cone"),
+    [("quad", 20, 0.0), ("hexahedron", 10, 0.0), ("hexahedron", 10, 0.3)],
+    ids=["2D", "3D", "cone"],
+)
+def test_a_blade_on_a_slip_hub_turns_by_any_angle(kind: str, n: int, cone: float, correction: str) -> None:
+    """The hub goes on over the blade's root, so the mesh turns as a whole; each step is many facets long."""
+    mesh = joined_sector(kind, n, angle=np.radians(30.0), cone=cone)
+    model = MotionModel.build(*mesh, Method(correction=correction))
+    for angle in (5.0, 12.0, 100.0, 365.0):
+        around = turn(360, mesh[0].shape[1], angle)
+        found = model.move(mesh[0], mesh[0][model.roles.moving] @ around.T)
+        np.testing.assert_allclose(found.points, mesh[0] @ around.T, atol=2e-3)  # facets of 3°: 2e-4 of their radius
+        assert pair_error(model, found.points) <= 1e-14
 
 
 def test_a_row_is_carried_along_its_slip_walls_by_several_periods() -> None:

@@ -7,7 +7,7 @@ from mesh_motion_numerics.mesh.boundary_facets import boundary_facets
 from mesh_motion_numerics.mesh.periodic_nodes import PeriodicNodes
 from mesh_motion_numerics.mesh.periodic_pairs import PeriodicPair, periodic_pairs
 from mesh_motion_numerics.mesh.rigid_transforms import Transform, generated_group
-from mesh_motion_numerics.mesh.roles import BoundaryRoles
+from mesh_motion_numerics.mesh.roles import BoundaryRoles, Patch
 from mesh_motion_protocol.errors import InvalidInput
 from periodic_meshes import periodic_box, sector, turn
 
@@ -25,6 +25,12 @@ def test_opposite_sides_of_a_box_are_a_translation_apart(kind: str) -> None:
     np.testing.assert_array_equal(pair.transform.shift, np.eye(3)[1][: len(pair.transform.shift)])
     assert "y0 and y1: " in pair.describe()
     assert "translation by (0, 1" in pair.describe()
+
+
+def test_short_periods_of_a_long_mesh_are_not_one() -> None:
+    points, cells, patches = periodic_box("hexahedron", 5, axes="yz")
+    points = points * [1.0, 5e-4, 8e-4]
+    assert len(PeriodicNodes.of_pairs(points, pairs_of((points, cells, patches))).generators) == 2
 
 
 def test_a_cube_with_three_pairs_is_not_taken_for_a_sector() -> None:
@@ -46,6 +52,49 @@ def test_a_sector_is_a_rotation_by_exactly_its_share(kind: str, sectors: int) ->
     np.testing.assert_allclose(pair.transform.shift, 0.0, atol=1e-14)
     np.testing.assert_allclose(pair.transform(mesh[0][pair.nodes[:, 0]]), mesh[0][pair.nodes[:, 1]], atol=1e-14)
     assert pair.describe().endswith(f"nodes each, rotation by 360°/{sectors}")
+
+
+@pytest.mark.parametrize("kind", ["quad", "tetra"])
+@pytest.mark.parametrize("degrees", [50.0, 51.4, 102.857, 170.0])
+def test_a_sector_has_any_angle(kind: str, degrees: float) -> None:
+    """51.4° is nearly a seventh of a turn, but no node is at that place."""
+    (pair,) = pairs_of(sector(kind, 10, sectors=360.0 / degrees))
+    assert pair.transform.sectors == 0
+    assert np.degrees(abs(pair.transform.angle)) == pytest.approx(degrees, rel=1e-12)
+    assert pair.describe().endswith(f"nodes each, rotation by {degrees:g}°")
+    assert pair.error < 1e-13
+
+
+@pytest.mark.parametrize("make", [periodic_box, sector])
+@pytest.mark.parametrize("kind", ["quad", "hexahedron"])
+@pytest.mark.parametrize("names", [("a1", "a2", "b1", "b2"), ("a1", "a2", "b2", "b1"), ("a", "y", "b", "c")])
+def test_halves_of_divided_sides_are_paired_by_their_common_period(make, kind: str, names: tuple[str, ...]) -> None:
+    """Each half fits both halves opposite, and the other half of its own side after half a turn."""
+    points, cells, patches = make(kind, 10)
+    out = np.linalg.norm(points[:, :2], axis=1) - 1.0 if make is sector else points[:, 0]
+    halves = [patches[side].nodes[keep(out[patches[side].nodes])] for side in ("y0", "y1") for keep in (low, high)]
+    patches = {"body": patches["body"]} | {
+        name: Patch("periodic", nodes) for name, nodes in zip(names, halves, strict=True)
+    }
+    (whole,) = pairs_of(make(kind, 10))
+    found = pairs_of((points, cells, patches))
+    assert {frozenset((pair.first, pair.second)) for pair in found} == {
+        frozenset((names[0], names[2])),
+        frozenset((names[1], names[3])),
+    }
+    assert len(PeriodicNodes.of_pairs(points, found).generators) == 1
+    for pair in found:
+        forth = pair.transform if np.isin(pair.nodes[0, 0], whole.nodes[:, 0]) else pair.transform.inverse()
+        np.testing.assert_allclose(forth.rotation, whole.transform.rotation, atol=1e-12)
+        np.testing.assert_allclose(forth.shift, whole.transform.shift, atol=1e-12)
+
+
+def low(values: np.ndarray) -> np.ndarray:
+    return values < 0.5 + 1e-9
+
+
+def high(values: np.ndarray) -> np.ndarray:
+    return values > 0.5 - 1e-9
 
 
 def test_a_sector_anywhere_in_space_is_found() -> None:

@@ -4,6 +4,7 @@ from box_meshes import box_mesh
 from frame_meshes import tensor_grid
 from mesh_motion_numerics.mesh.boundary_facets import boundary_facets, boundary_nodes
 from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.mesh.rigid_transforms import Transform
 from mesh_motion_numerics.mesh.sliding import SlidingSurfaces
 from mesh_motion_numerics.mesh.surface_constraints import OnFacets
 from mesh_motion_numerics.mesh.wall_lines import WallLine
@@ -256,10 +257,11 @@ def test_a_regular_body_is_projected_from_its_centre(d):
         np.testing.assert_allclose(constraint.facets.closest(found), found, atol=1e-15)
 
 
-def slope_misses(constraint: OnFacets, places: np.ndarray) -> np.ndarray:
+def slope_misses(constraint: OnFacets, places: np.ndarray, reference: np.ndarray | None = None) -> np.ndarray:
     """Difference (m,) of the projection's derivative (m, d, d) from central differences."""
-    found, h = constraint.slope(places, places), 1e-6
-    steps = [constraint.project(places + s * h * e, places) for e in np.eye(places.shape[1]) for s in (1, -1)]
+    rest, h = places if reference is None else reference, 1e-6
+    found = constraint.slope(places, rest)
+    steps = [constraint.project(places + s * h * e, rest) for e in np.eye(places.shape[1]) for s in (1, -1)]
     exact = np.stack([(there - back) / (2.0 * h) for there, back in zip(steps[::2], steps[1::2], strict=True)], axis=-1)
     return np.abs(found - exact).max(axis=(1, 2))
 
@@ -285,6 +287,43 @@ def test_past_the_end_of_a_curve_and_off_the_side_of_a_surface_the_nearest_place
     places = np.array([[0.3, -0.4, 0.1], [-0.2, 0.6, -0.2], [-0.3, -0.3, 0.1], [0.2, 0.3, 0.1]])
     assert slope_misses(surface, places).max() < 1e-8
     np.testing.assert_array_equal(np.linalg.matrix_rank(surface.slope(places, places)), [1, 1, 0, 2])
+
+
+def around(radius, degrees, *along):
+    angle = np.radians(degrees)
+    return np.stack([radius * np.cos(angle), radius * np.sin(angle), *along], axis=-1)
+
+
+def test_a_periodic_wall_of_revolution_goes_on_over_its_holes():
+    """An arc, and a cone, with a hole from 20° to 30° in a sector of 50°: the places are those of the whole wall."""
+    angle = np.linspace(0.0, 50.0, 51)
+    period = Transform.about(np.zeros(2), np.radians(50.0))
+    segments = np.stack([np.arange(50), np.arange(1, 51)], axis=1)
+    hole = (angle[segments].mean(axis=1) > 20.0) & (angle[segments].mean(axis=1) < 30.0)
+    arc = OnFacets.from_simplices(around(1.0, angle), segments[~hole], images=[period])
+    rest, over = np.array([3.0, 12.0, 44.0, 33.0]), np.array([24.3, 25.7, 73.9, -24.4])
+    found = arc.project(around(1.2, over), around(1.0, rest))
+    np.testing.assert_allclose(found, around(1.0, over), atol=1e-12)
+    assert slope_misses(arc, around(1.2, over), around(1.0, rest)).max() < 1e-8
+    np.testing.assert_array_equal(
+        arc.project(around(1.0, angle[:20]), around(1.0, angle[:20])), around(1.0, angle[:20])
+    )
+    wavy = around(1.0 + 0.2 * np.sin(np.radians(7.2 * angle)), angle)
+    assert OnFacets.from_simplices(wavy, segments[~hole], images=[period]).turn is None
+    height, facets = np.linspace(0.0, 1.0, 11), []
+    for i, j in np.ndindex(50, 10):
+        if not (20 <= i < 30 and 3 <= j < 7):
+            a, b, c, e = i * 11 + j, (i + 1) * 11 + j, (i + 1) * 11 + j + 1, i * 11 + j + 1
+            facets += [(a, b, c), (a, c, e)]
+    z, degrees = np.tile(height, 51), np.repeat(angle, 11)
+    period = Transform.about(np.zeros(3), np.radians(50.0), np.array([0.0, 0.0, 1.0]))
+    cone = OnFacets.from_simplices(around(1.0 + 0.3 * z, degrees, z), np.array(facets), images=[period])
+    z = np.full(4, 0.5)
+    reference, places = around(1.15, rest, z), around(1.25, over, z)
+    found = cone.project(places, reference)
+    np.testing.assert_allclose(np.hypot(*found.T[:2]), 1.0 + 0.3 * found[:, 2], rtol=1e-4)  # facets of 1°
+    np.testing.assert_allclose(np.arctan2(found[:, 1], found[:, 0]), np.radians(over), atol=2e-3)
+    assert slope_misses(cone, places, reference).max() < 1e-7
 
 
 @pytest.mark.parametrize("d", [2, 3])

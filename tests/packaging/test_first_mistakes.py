@@ -65,6 +65,10 @@ MESHES: dict[str, tuple[Callable[[], Any], str]] = {
     ),
     "an endpoint without tcp": (lambda: connect("localhost:7440"), r"got 'localhost:7440'.*tcp://localhost:7440 is"),
     "an endpoint as in a browser": (lambda: connect("http://127.0.0.1:7440"), r"tcp://127.0.0.1:7440 is that port"),
+    "a port that cannot be": (lambda: connect("tcp://localhost:99999"), r"tcp://HOST:PORT.*:99999'.*1 to 65535"),
+    "no port": (lambda: connect("tcp://localhost:0"), r"tcp://HOST:PORT.*:0'.*1 to 65535"),
+    "letters in a port": (lambda: connect("tcp://localhost:7440x"), r"tcp://HOST:PORT.*got 'tcp://localhost:7440x'"),
+    "another transport": (lambda: connect("inproc://control"), r"tcp://HOST:PORT.*got 'inproc://control'"),
     "a port alone": (lambda: connect(7440), r"got 7440"),  # type: ignore[arg-type]
     "no server": (lambda: connect("tcp://127.0.0.1:1", timeout=0.2), r"no server answers at.*mesh-motion serve"),
     "keys that are not there": (lambda: Keys.load("a.secret", "s.public"), r"a\.secret: cannot be read: No such file"),

@@ -60,6 +60,17 @@ static int set_keys(const mm_context *context, void *socket)
                && zmq_setsockopt(socket, ZMQ_CURVE_SECRETKEY, context->secret_key, KEY_CHARACTERS + 1) == 0);
 }
 
+/* libzmq also takes what no server can listen at, such as port 99999, and waits for it */
+static int is_endpoint(const char *endpoint)
+{
+    if (strncmp(endpoint, "tcp://", 6) != 0) {
+        return strncmp(endpoint, "ipc://", 6) == 0;
+    }
+    const char *port = strrchr(endpoint, ':') + 1;
+    size_t digits = strspn(port, "0123456789");
+    return !port[digits] && digits <= 5 && atoi(port) >= 1 && atoi(port) <= 65535;
+}
+
 outcome mmi_connect_to(mm_context *context, connection *connection, const char *endpoint)
 {
     char monitor[48];
@@ -97,9 +108,9 @@ outcome mmi_connect_to(mm_context *context, connection *connection, const char *
         return mmi_fail(context, "INVALID_ARGUMENT", "a libzmq with libsodium has CURVE",
                         "libzmq does not accept the keys");
     }
-    if (zmq_connect(socket, endpoint) != 0) {
+    if (!is_endpoint(endpoint) || zmq_connect(socket, endpoint) != 0) {
         mmi_disconnect(connection);
-        return mmi_fail(context, "INVALID_ARGUMENT", "`mesh-motion serve` prints its endpoint",
+        return mmi_fail(context, "INVALID_ARGUMENT", "`mesh-motion serve` prints its endpoint; ports are 1 to 65535",
                         "endpoint must be tcp://HOST:PORT or ipc:///path, got '%s'", endpoint);
     }
     return DONE;

@@ -8,6 +8,7 @@ id.
 from __future__ import annotations
 
 import os
+import re
 import struct
 import threading
 import time
@@ -39,6 +40,9 @@ _WATCH_SECONDS = 1.0
 _MOST_BYTES = FRAME_BYTES + 64
 #: Limit on each call of the socket, in case the code below waits wrongly: sends do not wait, receives follow a poll.
 _MOST_MILLISECONDS = 60_000
+_LAST_PORT = 65535
+#: libzmq also takes what no server can listen at, such as port 99999, and waits for it.
+_ENDPOINT = re.compile(r"tcp://[^/]+:([0-9]{1,5})|ipc://.+")
 _WATCHED = zmq.EVENT_DISCONNECTED | zmq.EVENT_HANDSHAKE_FAILED_AUTH | zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL
 
 
@@ -77,6 +81,9 @@ class Connection:
         try:
             if keys is not None:
                 keys.protect(self._socket)
+            found = _ENDPOINT.fullmatch(endpoint)
+            if not found or not 1 <= int(found[1] or 1) <= _LAST_PORT:
+                raise _no_endpoint(endpoint)
             self._socket.connect(endpoint)
         except InvalidInput:
             self.close()
@@ -239,7 +246,9 @@ def _no_endpoint(text: object) -> InvalidInput:
     rest, _, port = given.rpartition(":")
     if given.startswith("/"):
         hint = f"ipc://{given} is the socket of that path"
-    elif port.isdigit():
+    elif port.isdecimal() and not 1 <= int(port) <= _LAST_PORT:
+        hint = f"ports are 1 to {_LAST_PORT}"
+    elif port.isdecimal():
         hint = f"tcp://{rest.rpartition('/')[2] or '127.0.0.1'}:{port} is that port"
     else:
         hint = "a server writes its endpoint when it is ready: `ready tcp://127.0.0.1:7440`"

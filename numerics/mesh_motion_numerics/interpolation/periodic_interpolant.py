@@ -15,6 +15,7 @@ narrower levels, as on other boundaries (:mod:`.two_scale.factorization`).
 
 import hashlib
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import mesh_motion_kernels as kernels
 import numpy as np
@@ -41,6 +42,7 @@ from mesh_motion_numerics.interpolation.two_scale.compact_levels import (
 )
 from mesh_motion_numerics.interpolation.two_scale.factorization import SEPARATION
 from mesh_motion_numerics.interpolation.two_scale.interpolant import TwoScaleInterpolant
+from mesh_motion_numerics.mesh.open_sector import OpenSector
 from mesh_motion_numerics.mesh.points import padded
 from mesh_motion_numerics.mesh.rigid_transforms import Transform, generated_group
 from mesh_motion_numerics.method import Method
@@ -54,6 +56,13 @@ _DENSE_ORDER = 10_000
 _IMAGES_AT_ONCE = 2048
 #: An image this close to its control point, relative to the extent of all images, coincides with it.
 _SAME_PLACE = 1e-12
+
+
+class _Group(NamedTuple):
+    """The generators of the images, and their sector if its angle is no whole fraction of a turn."""
+
+    generators: tuple[Transform, ...]
+    sector: OpenSector | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,7 +118,12 @@ class PeriodicFactorization:
 
 
 def periodic_factorization_of(
-    control_points: Floats, generators: tuple[Transform, ...], box: Floats, method: Method, factors: FactorSource
+    control_points: Floats,
+    generators: tuple[Transform, ...],
+    box: Floats,
+    method: Method,
+    factors: FactorSource,
+    sector: OpenSector | None = None,
 ) -> Factorization:
     """Return the factorization of periodic control points.
 
@@ -119,18 +133,21 @@ def periodic_factorization_of(
         One control point of each orbit.
     box : (2, d) array
         Least and largest coordinates of the points where the interpolant will be evaluated.
+    sector : OpenSector, optional
+        That of the generators.
     """
     digest = hashlib.sha256(repr(("periodic", method.basis, method.support_radius)).encode())
     for array in (control_points, box, *(a for g in generators for a in (g.rotation, g.shift))):
         digest.update(np.ascontiguousarray(array).data)
-    return factors.get_or_make(digest.digest(), lambda: _factorize(control_points, generators, box, method))[0]
+    images = _Group(generators, sector)
+    return factors.get_or_make(digest.digest(), lambda: _factorize(control_points, images, box, method))[0]
 
 
-def _factorize(control_points: Floats, generators: tuple[Transform, ...], box: Floats, method: Method) -> Factorization:
+def _factorize(control_points: Floats, group: _Group, box: Floats, method: Method) -> Factorization:
     basis = basis_named(method.basis)
     radius = checked_radius(method.support_radius, basis)
     points = checked_control_points(control_points)
-    images = _near_images(points, generators, box, radius)
+    images = _near_images(points, group, box, radius)
     tree = cKDTree(images.places)
     pairs = images.owners[tree.query_pairs(SEPARATION * radius, output_type="ndarray")]
     if not np.any(pairs[:, 0] != pairs[:, 1]):
@@ -145,7 +162,7 @@ def _factorize(control_points: Floats, generators: tuple[Transform, ...], box: F
         if len(found) > len(members):
             members = found
             own = points[members]
-            level = _level(own, _near_images(own, generators, box, reach), BASIS if levels else basis, reach)
+            level = _level(own, _near_images(own, group, box, reach), BASIS if levels else basis, reach)
             levels.append((members, level))
         if len(members) == len(points):
             break
@@ -220,7 +237,7 @@ class PeriodicLevels:
         return TwoScaleInterpolant(found[0], tuple(found[1:]), self.basis, 0)
 
 
-def _near_images(points: Floats, generators: tuple[Transform, ...], box: Floats, radius: float) -> _Images:
+def _near_images(points: Floats, group: _Group, box: Floats, radius: float) -> _Images:
     """The images closer to the box than the radius; the control points (nc, d) themselves come first."""
 
     def near(transform: Transform) -> Marks:
@@ -230,14 +247,17 @@ def _near_images(points: Floats, generators: tuple[Transform, ...], box: Floats,
 
     d = points.shape[1]
     scale = float((box[1] - box[0]).max())
-    group = generated_group(generators, d, scale, lambda transform: bool(near(transform).any()))
-    kept = [np.ones(len(points), dtype=bool), *(near(transform) for transform in group[1:])]
+    turns = [Transform.identity(d)] if group.sector is None else group.sector.turns(radius)
+    closed = group.generators if group.sector is None else group.sector.others
+    found = generated_group(closed, d, scale, lambda one: any(near(turn.after(one)).any() for turn in turns))
+    found = [turn.after(one) for one in found for turn in turns]
+    kept = [np.ones(len(points), dtype=bool), *(near(transform) for transform in found[1:])]
     owners = np.concatenate([np.flatnonzero(rows) for rows in kept])
-    places = np.concatenate([points, *(t(points[rows]) for t, rows in zip(group[1:], kept[1:], strict=True))])
+    places = np.concatenate([points, *(t(points[rows]) for t, rows in zip(found[1:], kept[1:], strict=True))])
     rotations = None
-    if any(transform.turns for transform in generators):
+    if any(transform.turns for transform in group.generators):
         counts = [int(np.count_nonzero(rows)) for rows in kept]
-        rotations = np.repeat(np.stack([transform.rotation for transform in group]), counts, axis=0)
+        rotations = np.repeat(np.stack([transform.rotation for transform in found]), counts, axis=0)
     return _Images(owners, places, rotations)
 
 

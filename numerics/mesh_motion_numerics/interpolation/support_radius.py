@@ -45,6 +45,7 @@ from scipy.spatial import cKDTree
 from mesh_motion_numerics.arrays import Floats
 from mesh_motion_numerics.interpolation.kernels import DEFAULT_BASIS, MULTISCALE
 from mesh_motion_numerics.interpolation.two_scale.smoothing import Smoothing
+from mesh_motion_numerics.mesh.periodic_nodes import PeriodicNodes
 from mesh_motion_numerics.mesh.points import bounding_box
 from mesh_motion_numerics.mesh.roles import BoundaryRoles
 from mesh_motion_numerics.method import Method
@@ -100,7 +101,9 @@ class Reach(NamedTuple):
     layer_smoothing: Smoothing | None = None
 
 
-def with_reach(method: Method, points: Floats, roles: BoundaryRoles, *, periodic: bool) -> tuple[Method, Reach]:
+def with_reach(
+    method: Method, points: Floats, roles: BoundaryRoles, *, periodic: PeriodicNodes | None
+) -> tuple[Method, Reach]:
     """The method with its basis and radii for a mesh, and its reach.
 
     A support radius that the method names is kept, with its basis and no other radius.
@@ -110,11 +113,16 @@ def with_reach(method: Method, points: Floats, roles: BoundaryRoles, *, periodic
     Parameters
     ----------
     points : (n, d) array, mesh length unit
-    periodic : bool
-        Whether the mesh has periodic patches: then the body has images.
+    periodic : PeriodicNodes or None
+        Those of a mesh with periodic patches: then the body has images.
+
+    Raises
+    ------
+    InvalidInput
+        If the support reaches around the axis of an :class:`.OpenSector`.
     """
     basis, radius, mean_radius = method.basis, method.support_radius, 0.0
-    alone = method.correction in ("none", "smooth") and method.reduction == "none" and not periodic
+    alone = method.correction in ("none", "smooth") and method.reduction == "none" and periodic is None
     smoothing = []
     body = _longest_side(points[roles.moving]) if len(roles.moving) else 0.0
     if alone and body > 0.0:
@@ -130,8 +138,12 @@ def with_reach(method: Method, points: Floats, roles: BoundaryRoles, *, periodic
         if large and radius is None and basis in (DEFAULT_BASIS, MULTISCALE):
             basis, radius = MULTISCALE, float(f"{_NEAR * body:.2g}")
             mean_radius = float(f"{_MEAN * away:.2g}") if far else 0.0
+    sector = None if periodic is None else periodic.open_sector
     if radius is None:
         radius = suggest_support_radius(points, roles)
+        radius = radius if sector is None else min(radius, sector.suggested_radius)
+    if sector is not None:
+        sector.check(radius)
     reach = Reach(mean_radius, *smoothing)
     enrichment = method.enrichment_radius or suggest_enrichment_radius(points, roles, radius)
     return replace(method, basis=basis, support_radius=radius, enrichment_radius=enrichment), reach

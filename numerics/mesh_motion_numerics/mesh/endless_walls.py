@@ -13,14 +13,13 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from mesh_motion_numerics.arrays import Floats, Marks
+from mesh_motion_numerics.mesh.revolution import OFF
 from mesh_motion_numerics.mesh.rigid_transforms import Transform
 from mesh_motion_numerics.mesh.smooth_pieces import Piece, as_simplices
 
 __all__ = ["axis_of", "endless_nodes"]
 
 
-#: A wall's facets may leave it by this share of a rotation (root mean square) about its axis.
-_OFF = 0.07
 #: A screw is a rotation if it advances by less than this share of the walls' extent in each radian.
 _ADVANCE = 1e-3
 
@@ -58,7 +57,7 @@ def axis_of(points: Floats, pieces: Sequence[Piece]) -> tuple[Transform | None, 
     off, all_ = across.T @ (sizes[:, None] * across), np.einsum("f,fdk,fdl->kl", sizes, fields, fields)
     root = np.linalg.inv(np.linalg.cholesky(all_))
     shares, motions = np.linalg.eigh(root @ off @ root.T)
-    kept = np.count_nonzero(shares <= _OFF**2)
+    kept = np.count_nonzero(shares <= OFF**2)
     if kept != 1:
         return None, kept == 3
     motion = root.T @ motions[:, 0]

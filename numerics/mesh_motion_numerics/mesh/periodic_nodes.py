@@ -10,13 +10,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from mesh_motion_protocol.errors import InvalidInput
 
 from mesh_motion_numerics.arrays import Floats, Integers, Marks
+from mesh_motion_numerics.mesh.open_sector import OpenSector
 from mesh_motion_numerics.mesh.paths import RigidMotion, fit_screw
-from mesh_motion_numerics.mesh.periodic_pairs import PeriodicPair, periodic_pairs
+from mesh_motion_numerics.mesh.periodic_pairs import PeriodicPair, is_same_period, periodic_pairs
 from mesh_motion_numerics.mesh.rigid_transforms import Transform
 from mesh_motion_numerics.mesh.roles import BoundaryRoles, Patch
 
@@ -95,10 +97,19 @@ class PeriodicNodes:
         found.check_kinds({kind: getattr(roles, kind) for kind in ("moving", "fixed", "sliding")})
         return found
 
-    @property
+    @cached_property
     def generators(self) -> tuple[Transform, ...]:
-        """Generators of the group of all periodic images."""
-        return tuple(pair.transform for pair in self.pairs)
+        """Generators of the group of all periodic images, each once."""
+        found: list[Transform] = []
+        for pair in self.pairs:
+            if not any(is_same_period(pair.transform, known, self.reference) for known in found):
+                found.append(pair.transform)
+        return tuple(found)
+
+    @cached_property
+    def open_sector(self) -> OpenSector | None:
+        """The sector whose angle is no whole fraction of a turn; None if there is none."""
+        return OpenSector.of(self.reference, self.generators)
 
     @property
     def turns(self) -> bool:

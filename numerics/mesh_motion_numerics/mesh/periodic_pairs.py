@@ -2,25 +2,28 @@
 
 A translation is found from the patches' centroids. A rotation is found from two nodes that characterise a patch (the
 farthest from the centroid, and in 3D the one that spans the largest triangle with it) and every pair of nodes of the
-other patch that could be their images. It must be a full turn divided by an integer, about an axis, without a shift
-along it. In both cases every node must then have an image among the other patch's nodes, close relative to the local
-spacing.
+other patch that could be their images. It is a full turn divided by an integer if that fits, else any angle, about an
+axis, without a shift along it, and with the mesh on the smaller side of it. In both cases every node must then have an
+image among the other patch's nodes, close relative to the local spacing. If a patch may be paired with several, as the
+parts of a divided side may, the period that most pairs have decides.
 """
 
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from mesh_motion_protocol.errors import InvalidInput
 from scipy.spatial import cKDTree
 
 from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_numerics.mesh.points import bounding_box
 from mesh_motion_numerics.mesh.rigid_transforms import Transform
 from mesh_motion_numerics.mesh.smooth_pieces import area_vectors, widened
 from mesh_motion_numerics.mesh.spacing import local_spacing
 
-__all__ = ["PeriodicPair", "periodic_pairs"]
+__all__ = ["PeriodicPair", "is_same_period", "periodic_pairs"]
 
 
 #: Largest error of an image, as a share of the distance to the nearest other node of its patch.
@@ -58,7 +61,8 @@ class PeriodicPair:
         """A description: the patches, and the translation or the number of sectors between them."""
         how = f"translation by ({', '.join(f'{s:g}' for s in self.transform.shift)})"
         if self.transform.turns:
-            how = f"rotation by 360°/{_sectors(_angle(self.transform.rotation))}"
+            angle, sectors = abs(self.transform.angle), self.transform.sectors
+            how = f"rotation by {f'360°/{sectors}' if sectors else f'{math.degrees(angle):.6g}°'}"
         return f"{self.first} and {self.second}: {len(self.nodes)} nodes each, {how}"
 
 
@@ -95,14 +99,35 @@ def periodic_pairs(
     _refuse_same(sides)
     pairs: list[PeriodicPair] = []
     for candidates in (_translations, _rotations):  # a box allows both, so translations are tried first
-        for place, first in enumerate(sides):
-            for second in sides[place + 1 :]:
-                taken = {name for pair in pairs for name in (pair.first, pair.second)}
-                if first.name not in taken and second.name not in taken:
-                    pair = _pair(first, second, candidates(first, second))
-                    pairs += [pair] if pair else []
+        single = [side for side in sides if not any(side.name in (pair.first, pair.second) for pair in pairs)]
+        found = [
+            _pair(first, second, candidates(first, second))
+            for place, first in enumerate(single)
+            for second in single[place + 1 :]
+        ]
+        pairs += _agreeing([pair for pair in found if pair], points)
     _refuse_single(sides, pairs)
     return tuple(pairs)
+
+
+def _agreeing(pairs: list[PeriodicPair], points: Floats) -> list[PeriodicPair]:
+    """Of pairs that share patches, those whose period most pairs have: parts of one side have the same image."""
+    left, chosen = list(pairs), []
+    while left:
+        alike = [[other for other in left if is_same_period(pair.transform, other.transform, points)] for pair in left]
+        names = [{name for pair in group for name in (pair.first, pair.second)} for group in alike]
+        most = left[max(range(len(left)), key=lambda row: len(names[row]))]  # the first of several
+        chosen.append(most)
+        left = [pair for pair in left if not {pair.first, pair.second} & {most.first, most.second}]
+    return chosen
+
+
+def is_same_period(one: Transform, other: Transform, points: Floats) -> bool:
+    """Whether two transforms, or one and the inverse of the other, differ by rounding only in the box of a mesh."""
+    corners = np.array(list(product(*bounding_box(points).T)))
+    there = one(corners)
+    reach = float(np.abs(there - corners).max())
+    return any(np.abs(there - way(corners)).max() <= _TOLERANCE * reach for way in (other, other.inverse()))
 
 
 def _side(points: Floats, facets: Mapping[str, Integers], name: str, nodes: Integers) -> _Side:
@@ -147,17 +172,18 @@ def _translations(first: _Side, second: _Side) -> Iterator[Transform]:
 
 
 def _rotations(first: _Side, second: _Side) -> Iterator[Transform]:
-    """Rotations by 1/N of a turn that may map the first side onto the second, smaller angles first."""
+    """Rotations that may map the first side onto the second, smaller angles first, 1/N of a turn before any angle."""
     if len(first.nodes) != len(second.nodes) or first.places.shape[1] == 1:
         return
     found = []
     for rough in _rigid_candidates(first, second):
         distance, rows = _images(first, second, rough)
         if (distance <= _ROUGH * first.spacing).all() and len(np.unique(rows)) == len(rows):
-            exact = _as_sector(_fitted(first.places, second.places[rows]), float(first.spacing.min()))
-            if exact is not None and _faces(exact, first.area, second.area):
-                found.append(exact)
-    yield from sorted(found, key=lambda transform: abs(_angle(transform.rotation)))
+            fitted = _fitted(first.places, second.places[rows])
+            found += [
+                turn for turn in _turns(fitted, float(first.spacing.min())) if _faces(turn, first.area, second.area)
+            ]
+    yield from sorted(found, key=lambda transform: abs(transform.angle))
 
 
 def _faces(transform: Transform, first: Floats, second: Floats) -> bool:
@@ -197,35 +223,24 @@ def _fitted(origin: Floats, goal: Floats) -> Transform:
     return Transform(rotation.T, b - rotation.T @ a)
 
 
-def _as_sector(found: Transform, spacing: float) -> Transform | None:
-    """The nearest rotation by exactly 1/N of a turn; None if there is none, or it is a screw."""
-    angle = _angle(found.rotation)
-    sectors = _sectors(angle)
-    if not 2 <= sectors <= _MOST_SECTORS or abs(abs(angle) - 2.0 * math.pi / sectors) > 1e-3 * abs(angle):
-        return None
+def _turns(found: Transform, spacing: float) -> list[Transform]:
+    """The nearest rotations by exactly 1/N of a turn and by the angle found; none if it is a screw."""
+    angle = found.angle
+    if abs(angle) * _MOST_SECTORS < 2.0 * math.pi:
+        return []
+    sectors = round(2.0 * math.pi / abs(angle))
     exact = math.copysign(2.0 * math.pi / sectors, angle)
+    angles = [exact, angle] if abs(exact - angle) <= 1e-3 * abs(angle) else [angle]
     gap = np.eye(len(found.shift)) - found.rotation
     if len(found.shift) == 2:
-        return Transform.about(np.linalg.solve(gap, found.shift).astype(np.float64), exact)
+        centre = np.linalg.solve(gap, found.shift).astype(np.float64)
+        return [Transform.about(centre, turn) for turn in angles]
     axis = _axis(found.rotation)
     along = float(found.shift @ axis)
     if abs(along) > _TOLERANCE * spacing:
-        return None
+        return []
     centre = np.linalg.lstsq(gap, found.shift - along * axis, rcond=1e-9)[0].astype(np.float64)
-    return Transform.about(centre, abs(exact), axis)
-
-
-def _angle(rotation: Floats) -> float:
-    """Angle of a rotation: signed in 2D, 0 … π in 3D."""
-    if len(rotation) == 2:
-        return math.atan2(rotation[1, 0], rotation[0, 0])
-    skew = np.array([rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0], rotation[1, 0] - rotation[0, 1]])
-    return math.atan2(0.5 * float(np.linalg.norm(skew)), 0.5 * (float(np.trace(rotation)) - 1.0))
-
-
-def _sectors(angle: float) -> int:
-    """Number of times that the angle fits into a full turn; 0 for no angle."""
-    return round(2.0 * math.pi / abs(angle)) if abs(angle) > 1e-6 else 0
+    return [Transform.about(centre, abs(turn), axis) for turn in angles]
 
 
 def _axis(rotation: Floats) -> Floats:
@@ -279,8 +294,8 @@ def _unmatched(single: _Side, other: _Side) -> InvalidInput:
     return InvalidInput(
         f"the periodic patches {single.name!r} ({len(single.nodes)} nodes) and {other.name!r} ({len(other.nodes)} "
         f"nodes) do not map onto each other: node {single.nodes[row]}, shifted from centroid to centroid, is "
-        f"{distance[row]:.3g} from the nearest node, allowed is {_TOLERANCE * single.spacing[row]:.3g}; no rotation by "
-        "a whole fraction of a turn fits either",
+        f"{distance[row]:.3g} from the nearest node, allowed is {_TOLERANCE * single.spacing[row]:.3g}; no rotation "
+        "about an axis fits either",
         code="INVALID_ARGUMENT.MESH",
         hint="mesh the two sides alike (Gmsh: setPeriodic), or give them another role",
         details={"patch": single.name, "node": int(single.nodes[row]), "distance": float(distance[row])},

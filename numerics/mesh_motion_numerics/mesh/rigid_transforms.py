@@ -17,6 +17,7 @@ __all__ = ["Transform", "generated_group", "nearest_images"]
 #: Elements that differ by less (a rotation's entries, a shift relative to the scale) are equal up to rounding.
 _SAME = 1e-6
 _MOST_ELEMENTS = 20_000
+_ROUNDING = 1e-14  # of an angle
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +58,22 @@ class Transform:
     def turns(self) -> bool:
         """Whether the transform rotates."""
         return not np.array_equal(self.rotation, np.eye(len(self.shift)))
+
+    @property
+    def angle(self) -> float:
+        """Angle of the rotation: signed in 2D, 0 … π in 3D."""
+        r = self.rotation
+        if len(r) == 2:
+            return math.atan2(r[1, 0], r[0, 0])
+        skew = np.array([r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]])
+        return math.atan2(0.5 * float(np.linalg.norm(skew)), 0.5 * (float(np.trace(r)) - 1.0))
+
+    @property
+    def sectors(self) -> int:
+        """The number N of a rotation by 1/N of a turn, up to rounding; 0 for another one, or none."""
+        angle = abs(self.angle)
+        count = round(2.0 * math.pi / angle) if self.turns else 0
+        return count if abs(count * angle - 2.0 * math.pi) <= _ROUNDING * count else 0
 
     def __call__(self, points: Floats) -> Floats:
         """Images (n, d) of points (n, d)."""

@@ -1,7 +1,8 @@
 """Constraints of sliding nodes: on planes through their reference place, on facets of the reference mesh, or held.
 
 Facets that all contain one direction, such as a cylinder's wall, go on along it: a piston that is pulled out of its
-place at rest takes the nodes on the wall along.
+place at rest takes the nodes on the wall along. Those of revolution about the axis of a periodic sector go on around
+it: nodes on a hub pass the place at rest of a blade's root.
 
 Each constraint returns an admissible position (projection), exactly on the planes or facets; on planes it is the
 nearest one. It also returns the tangential directions there, for steps that are projected afterwards. For both, on
@@ -19,10 +20,11 @@ from typing import Protocol
 
 import numpy as np
 
-from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_numerics.arrays import Floats, Integers, Marks
 from mesh_motion_numerics.mesh.closest_point import FacetSet
 from mesh_motion_numerics.mesh.coincidence import first_at_place
 from mesh_motion_numerics.mesh.projection_slope import facet_angles, smooth_slopes
+from mesh_motion_numerics.mesh.revolution import about, turned_to, turns_onto_itself
 from mesh_motion_numerics.mesh.rigid_transforms import Transform, nearest_images
 
 __all__ = ["Held", "OnFacets", "OnPlanes", "OnPrism", "SurfaceConstraint", "endless"]
@@ -119,16 +121,24 @@ class OnFacets:
     images : sequence of Transform
         Generators of a periodic domain. The object has the facets and their next images; a node that has passed more
         periods is first taken back by these.
+    ends : (f, 2 or 3) bool array
+        The ends of the curve, or of the surface: whether no other facet continues opposite each corner.
+    turn : Transform or None
+        An image's rotation about the axis of this surface of revolution: it goes on where it ends at a hole, as at the
+        root of a blade.
     """
 
     facets: FacetSet
     corners: Floats
     tensors: Floats
     images: Sequence[Transform] = ()
+    ends: Marks | None = None
+    turn: Transform | None = None
 
     @classmethod
     def from_simplices(cls, points: Floats, simplices: Integers, *, images: Sequence[Transform] = ()) -> OnFacets:
         """Build it from points (n, d), the nodes (f, 2 or 3) of segments or triangles, and their periodic images."""
+        own = len(simplices)
         for image in images:
             count, forth = len(points), image(points)
             points = np.concatenate([points, forth, image.inverse()(points)])
@@ -136,24 +146,43 @@ class OnFacets:
         corners = points[simplices]
         direction = _direction(corners)
         size = np.linalg.norm(direction, axis=1)[:, None, None]
-        own = direction[:, :, None] * direction[:, None, :] / size
+        outer = direction[:, :, None] * direction[:, None, :] / size
         used, numbers = np.unique(simplices, return_inverse=True)
         # a periodic side also has the nodes of the next image: directions there come from the facets on both sides
         shortest = float(np.linalg.norm(corners[:, 1] - corners[:, 0], axis=1).min())
         numbers = first_at_place(points[used], shortest, _SAME_NODE)[numbers].reshape(simplices.shape)
-        tensors = np.zeros((len(used), *own.shape[1:]))
+        tensors = np.zeros((len(used), *outer.shape[1:]))
         for column in numbers.T:
-            np.add.at(tensors, column, own)
-        return cls(FacetSet(corners), corners, tensors[numbers], images)
+            np.add.at(tensors, column, outer)
+        ends, turn = _ends(numbers), None
+        if ends[:own].any():
+            turn = next((image for image in images if image.turns and turns_onto_itself(corners, image)), None)
+        return cls(FacetSet(corners), corners, tensors[numbers], images, ends, turn)
 
     @property
     def freedom(self) -> int:
         return int(self.corners.shape[1] - 1)
 
     def project(self, positions: Floats, reference: Floats) -> Floats:
-        near, rotations, shifts = nearest_images(positions, reference, self.images)
+        near, rotations, shifts, _ = self._near(positions, reference)
         places = self.facets.smooth(near, self._directions)
         return np.asarray(np.einsum("mij,mj->mi", rotations, places) + shifts)
+
+    def _near(self, positions: Floats, reference: Floats) -> tuple[Floats, Floats, Floats, Integers]:
+        """As :func:`.nearest_images`; rows (k,) that the facets end at are turned to the angle of their reference."""
+        near, rotations, shifts = nearest_images(positions, reference, self.images)
+        if self.turn is None or self.ends is None:
+            return near, rotations, shifts, np.empty(0, dtype=np.int64)
+        places = self.facets.smooth(near, self._directions)
+        rows, facets = self.facets.containing(places)
+        weights = _barycentric(places[rows], self.corners[facets])
+        away = np.linalg.norm(np.einsum("qk,qkd->qd", weights, self.corners[facets]) - places[rows], axis=1)
+        at_end = ((weights <= _ON_FACET) & self.ends[facets]).any(axis=1)
+        at_end &= away <= _ON_FACET * np.linalg.norm(self.corners[facets, 1] - self.corners[facets, 0], axis=1)
+        ended = np.unique(rows[at_end])
+        if len(ended):
+            near[ended], rotations[ended], shifts[ended] = turned_to(positions[ended], reference[ended], self.turn)
+        return near, rotations, shifts, ended
 
     @cached_property
     def _directions(self) -> Floats:
@@ -178,7 +207,7 @@ class OnFacets:
         return OnPlanes(OnPlanes.from_normals([along, *axes]).normals[1:])
 
     def tangents(self, positions: Floats, reference: Floats) -> Floats:
-        near, rotations, _ = nearest_images(positions, reference, self.images)
+        near, rotations, *_ = self._near(positions, reference)
         places, rows = self.facets.nearest(near)
         weights = _barycentric(places, self.corners[rows])
         tensor = rotations @ np.einsum("mk,mkij->mij", weights, self.tensors[rows]) @ np.swapaxes(rotations, 1, 2)
@@ -191,7 +220,7 @@ class OnFacets:
 
         The motion has a kink there; the result is the mean of the derivatives on all sides.
         """
-        near, rotations, _ = nearest_images(positions, reference, self.images)
+        near, rotations, _, ended = self._near(positions, reference)
         places = self.facets.smooth(near, self._directions)
         rows, facets = self.facets.containing(places)
         corners = self.corners[facets]
@@ -205,6 +234,10 @@ class OnFacets:
         share = np.where(smooth | ~led[rows], facet_angles(corners, weights), 0.0)
         found = np.zeros((*near.shape, near.shape[1]))
         np.add.at(found, rows, (share / np.bincount(rows, share, len(near))[rows])[:, None, None] * slopes)
+        if self.turn is not None and len(ended):  # the angle about the axis follows the position, too
+            before, after = (about(self.turn, at[ended]) for at in (near, places))
+            rates = before / np.sum(before * before, axis=1, keepdims=True)
+            found[ended] += (after - np.einsum("kij,kj->ki", found[ended], before))[:, :, None] * rates[:, None, :]
         return rotations @ found @ np.swapaxes(rotations, 1, 2)
 
 
@@ -275,6 +308,14 @@ class Held:
 
     def slope(self, positions: Floats, reference: Floats) -> Floats:
         return self.tangents(positions, reference)
+
+
+def _ends(numbers: Integers) -> Marks:
+    """(f, k) whether the rest of a facet (f, k), without each corner, belongs to no other facet."""
+    k = numbers.shape[1]
+    rests = np.stack([np.delete(numbers, corner, axis=1) for corner in range(k)], axis=1).reshape(-1, k - 1)
+    _, place, counts = np.unique(np.sort(rests, axis=1), axis=0, return_inverse=True, return_counts=True)
+    return np.asarray(counts[place.ravel()].reshape(-1, k) == 1)
 
 
 def _direction(corners: Floats) -> Floats:

@@ -30,6 +30,7 @@ from mesh_motion_numerics.interpolation.support_radius import with_reach
 from mesh_motion_numerics.mesh.boundary_layer_wall import MovingWall
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.mesh.patch_check import check_patches
+from mesh_motion_numerics.mesh.periodic_nodes import PeriodicNodes
 from mesh_motion_numerics.mesh.plane_rims import PlaneRims
 from mesh_motion_numerics.mesh.points import bounding_box
 from mesh_motion_numerics.mesh.roles import SLIDING_ROLES, BoundaryRoles, Patch, nodes_with
@@ -118,10 +119,10 @@ class BoundaryMotion:
             raise _needs_the_volume(
                 "all nodes are on slip or symmetry patches, as those of one layer of cells, whose plane the cells say"
             )
-        periodic = any(patch.role == "periodic" for patch in patches.values())
-        check_method(method, points, roles, periodic=periodic)
+        periodic = PeriodicNodes.build(points, facets, patches, roles)
+        check_method(method, points, roles, periodic=periodic is not None)
         method, reach = with_reach(method, points, roles, periodic=periodic)
-        motion = StandardMotion.build(points, facets, patches, method, reach)
+        motion = StandardMotion.build(points, facets, patches, method, reach, periodic)
         constraint = BoundaryConstraint.build(points, facets, patches, motion.surfaces, motion.sliding, motion.periodic)
         smooth = None if constraint is None else constraint.smooth()
         if len(near):

@@ -13,6 +13,7 @@ from mesh_motion_numerics.correction.smooth_motion import SmoothMotion
 from mesh_motion_numerics.interpolation.support_radius import with_reach
 from mesh_motion_numerics.mesh.boundary_facets import boundary_facets, boundary_nodes
 from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.mesh.periodic_nodes import PeriodicNodes
 from mesh_motion_numerics.mesh.plane_rims import PlaneRims
 from mesh_motion_numerics.mesh.roles import BoundaryRoles, Patch
 from mesh_motion_numerics.method import Method
@@ -97,15 +98,15 @@ class PreparedMesh:
             patches = {**patches, "": Patch("fixed", resting)}
         at_rest = cells_at_rest(points, cells, sizes) if method.quality_metric == "relative-size-skew" else sizes
         roles = BoundaryRoles.from_patches(patches)
-        periodic = any(patch.role == "periodic" for patch in patches.values())
+        facets = boundary_facets(cells)
+        periodic = PeriodicNodes.build(points, facets, patches, roles)
         mesh = roles.without(points, loose)
-        check_method(method, *mesh, periodic=periodic)
+        check_method(method, *mesh, periodic=periodic is not None)
         method, reach = with_reach(method, *mesh, periodic=periodic)
         held = np.zeros(len(points), dtype=bool)
         held[boundary_nodes(cells)] = True
         held[roles.all] = True
-        facets = boundary_facets(cells)
-        motion, smooth = StandardMotion.build(points, facets, patches, method, reach), None
+        motion, smooth = StandardMotion.build(points, facets, patches, method, reach, periodic), None
         constraint = BoundaryConstraint.build(points, facets, patches, motion.surfaces, motion.sliding, motion.periodic)
         if method.correction == "smooth":
             smooth = SmoothMotion.build(points, cells, held, constraint)

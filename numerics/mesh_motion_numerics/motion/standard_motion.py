@@ -171,14 +171,14 @@ class StandardMotion:
         patches: Mapping[str, Patch],
         method: Method,
         reach: Reach = _ONE_RADIUS,
+        periodic: PeriodicNodes | None = None,
     ) -> StandardMotion:
         """Prepare the motion of a checked mesh with reference coordinates ``points`` (n, d).
 
         ``facets``: those of the whole boundary (f, k), by type; the motion needs no cells. Without ``reach`` only the
-        method's support radius counts.
+        method's support radius counts. ``periodic``: of the patches.
         """
         roles = BoundaryRoles.from_patches(patches)
-        periodic = PeriodicNodes.build(points, facets, patches, roles)
         sliding, surfaces = None, whole_walls(points, facets, patches)
         if len(roles.sliding):
             images = () if periodic is None else periodic.generators
@@ -371,9 +371,8 @@ class StandardMotion:
     ) -> Factorization:
         """The factorization of all control nodes (c,), at ``origin`` (c, d) in the mesh ``points`` (n, d)."""
         if self.periodic is not None:
-            return periodic_factorization_of(
-                origin, self.periodic.generators, bounding_box(points), self.method, factors
-            )
+            images, box = self.periodic.generators, bounding_box(points)
+            return periodic_factorization_of(origin, images, box, self.method, factors, self.periodic.open_sector)
         found = self._in_scales(points, origin, controls, factors)
         if not self.reach.mean_radius:
             return found

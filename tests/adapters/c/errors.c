@@ -53,8 +53,12 @@ int main(int count, char **arguments)
     EXPECT(mm_connect(server, arguments[count > 1]) == MM_UNAVAILABLE);
     EXPECT(mm_session_new(server) == NULL && mm_open(NULL) == MM_INVALID_ARGUMENT);
     CLEAR(server);
-    EXPECT(mm_connect(server, "tcp://") == MM_INVALID_ARGUMENT);
-    CLEAR(server);
+    const char *nowhere[] = {"tcp://", "tcp://a:", "tcp://a:0", "tcp://a:65536", "tcp://a:99999", "tcp://a:7440x",
+                             "tcp://a:00007440", "inproc://a", "udp://127.0.0.1:7440", "localhost:7440", "ipc://", ""};
+    for (size_t i = 0; i < sizeof nowhere / sizeof *nowhere; ++i) {
+        EXPECT(mm_connect(server, nowhere[i]) == MM_INVALID_ARGUMENT);
+        CLEAR(server);
+    }
     mm_set_timeouts(server, 60, 60);
     EXPECT(mm_connect(server, arguments[count > 1]) == MM_OK && mm_ping(server) == MM_OK);
     EXPECT(mm_report_integer(mm_welcome(server), "limits.max_header_bytes", 0) == 65536);

@@ -35,7 +35,7 @@ def moved_by(grid: Grid, targets: Floats) -> tuple[StandardTrial, float]:
     The error is a share of the largest displacement.
     """
     cells, roles = CellTable.from_arrays(grid.cells), BoundaryRoles.from_patches(grid.patches)
-    method, reach = with_reach(Method(correction="none"), grid.points, roles, periodic=False)
+    method, reach = with_reach(Method(correction="none"), grid.points, roles, periodic=None)
     motion = StandardMotion.build(grid.points, boundary_facets(cells), grid.patches, method, reach)
     wanted = grid.points.copy()
     wanted[grid.body] = targets
