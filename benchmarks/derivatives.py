@@ -1,6 +1,6 @@
-"""The cost of derivatives: ``python -m benchmarks.derivatives MESH FOLDER REPEAT`` prints JSON.
+"""The cost of derivatives and of the headroom: ``python -m benchmarks.derivatives MESH FOLDER REPEAT`` prints JSON.
 
-Compares derivatives with a step of the same motion in the same process: small steps without a correction, the same
+Compares them with a step of the same motion in the same process: small steps without a correction, the same
 steps with the default method (its correction has nothing to do), and larger steps until the correction frees nodes. A
 state is prepared once, for its first vector.
 """
@@ -38,11 +38,11 @@ class DerivativeCost:
     ----------
     freed : int
         Nodes that the correction has freed.
-    plain_step, plain_prepared, plain_tangent, plain_cotangent : Seconds
+    plain_step, plain_prepared, plain_tangent, plain_cotangent, plain_headroom : Seconds
         Without a correction.
-    idle_step, idle_prepared, idle_tangent, idle_cotangent : Seconds
+    idle_step, idle_prepared, idle_tangent, idle_cotangent, idle_headroom : Seconds
         The same steps by the default method: no node is freed.
-    step, prepared, tangent, cotangent : Seconds
+    step, prepared, tangent, cotangent, headroom : Seconds
         With freed nodes.
     """
 
@@ -51,14 +51,17 @@ class DerivativeCost:
     plain_prepared: Seconds
     plain_tangent: Seconds
     plain_cotangent: Seconds
+    plain_headroom: Seconds
     idle_step: Seconds
     idle_prepared: Seconds
     idle_tangent: Seconds
     idle_cotangent: Seconds
+    idle_headroom: Seconds
     step: Seconds
     prepared: Seconds
     tangent: Seconds
     cotangent: Seconds
+    headroom: Seconds
 
     @classmethod
     def read(cls, found: dict[str, object]) -> DerivativeCost:
@@ -89,17 +92,20 @@ def _cost(
     for part in range(parts):
         targets = task.targets(part)
         step, motion = timed(lambda p=points, t=targets: model.move(p, t, factors))
-        points = motion.points
+        before, points = points, motion.points
         if motion.correction.freed_nodes if freeing else part + 1 == repeat:
             break
     prepared, slope = timed(lambda: model.slope(points, factors))
     numbers = np.random.default_rng(1)
     velocity, weights = numbers.standard_normal(body.shape), numbers.standard_normal(points.shape)
-    tangent, cotangent = (
-        Seconds.shortest([timed(call)[0] for _ in range(repeat)])
-        for call in (lambda: slope.tangent(velocity), lambda: slope.cotangent(weights))
-    )
-    found = {"step": step, "prepared": prepared, "tangent": tangent, "cotangent": cotangent}
+    worst = np.array([cell.number for cell in motion.corrected.worst])
+    calls = {
+        "tangent": lambda: slope.tangent(velocity),
+        "cotangent": lambda: slope.cotangent(weights),
+        "headroom": lambda: model.headroom(before, points, worst),
+    }
+    found = {name: Seconds.shortest([timed(call)[0] for _ in range(repeat)]) for name, call in calls.items()}
+    found |= {"step": step, "prepared": prepared}
     return motion.correction.freed_nodes, {prefix + name: seconds for name, seconds in found.items()}
 
 

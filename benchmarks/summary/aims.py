@@ -226,7 +226,7 @@ def _corrections(evidence: Evidence, factor: float) -> Iterator[Row]:
 
 
 def _derivatives(evidence: Evidence) -> Iterator[Row]:
-    """Aims for Jᵀ w over the step before it, including the preparation for the first vector."""
+    """Aims for Jᵀ w, including the preparation for the first vector, and for the headroom, over the step before."""
     threads = evidence.results.threads
     for mesh in ("M3", "M4"):
         cost = evidence.derivatives.get(mesh)
@@ -236,13 +236,14 @@ def _derivatives(evidence: Evidence) -> Iterator[Row]:
             ("without correction", "plain_", 0.5),
         )
         for name, prefix, asked in kinds:
-            step, prepared, one = (
+            step, prepared, one, headroom = (
                 of_threads(getattr(cost, prefix + part), threads) if cost else 1.0
-                for part in ("step", "prepared", "cotangent")
+                for part in ("step", "prepared", "cotangent", "headroom")
             )
             note = f" ({one / step:.2g} for each further vector)"
             share = (prepared + one) / step if cost else None
             yield _most(f"{mesh}: Jᵀ w / step {name}", asked, share, "", note)
+            yield _most(f"{mesh}: headroom / step {name}", 0.05, headroom / step if cost else None)
 
 
 def _start(evidence: Evidence, factor: float) -> Iterator[Row]:

@@ -56,11 +56,11 @@ class Answers(Position):
         """
         trial = self._open_trial
         if velocity is not None and along == "velocity":
-            way = velocity
+            before = trial.points - velocity
         else:
-            way = trial.points - (self._committed_state.points if along == "step" else self.mesh.points)
+            before = self._committed_state.points if along == "step" else self.mesh.points
         worst = () if trial.quality is None else (cell.number for cell in trial.quality.worst)
-        return self.model.headroom(way, trial.points, np.fromiter(worst, dtype=np.int64))
+        return self.model.headroom(before, trial.points, np.fromiter(worst, dtype=np.int64))
 
     def swept(self, partition: int, faces: Integers | None) -> Floats:
         """Volumes that faces of a partition sweep from the committed state to the trial, length unit to the power d.

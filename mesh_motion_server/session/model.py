@@ -61,9 +61,9 @@ class Model(Protocol):
         """Quality of the mesh with its nodes at ``points`` (n, d)."""
         ...
 
-    def headroom(self, way: Floats, points: Floats, worst: Integers) -> Headroom:
-        """The number of further steps like ``way`` (n, d) that the mesh, with its ``worst`` (w,) cells, admits at
-        ``points`` (n, d).
+    def headroom(self, before: Floats, points: Floats, worst: Integers) -> Headroom:
+        """The number of further steps like that from ``before`` (n, d) which the mesh, with its ``worst`` (w,) cells,
+        admits at ``points`` (n, d).
         """
         ...
 

@@ -152,7 +152,8 @@ def test_the_headroom_is_that_of_the_coordinates_that_were_answered(store: Any) 
     assert not replies[0].headroom
     assert replies[1].headroom == replies[2].headroom
     found, rest = replies[1].headroom, cells_at_rest(whole.points, cells)
-    expected = headroom(points, step_rows, cells, rest, "relative-size-skew", 0.2, np.arange(len(cells)))
+    every = np.arange(len(cells))
+    expected = headroom(points, points - step_rows, cells, rest, "relative-size-skew", 0.2, every, every)
     assert found["inversion"] == pytest.approx(expected.inversion, rel=1e-9)
     assert found["threshold"] == pytest.approx(expected.threshold, rel=1e-9)
     mesh = driver.meshes[found["cell"]["partition"]]
@@ -185,9 +186,9 @@ def test_the_headroom_along_the_displacement_and_along_a_velocity(store: Any) ->
         last[mesh.global_ids] = reply.displacement
         displaced[mesh.global_ids] = before.displacement + reply.displacement
         velocity[mesh.global_ids] = reply.velocity
-    rest, after = cells_at_rest(whole.points, cells), whole.points + displaced
+    rest, after, every = cells_at_rest(whole.points, cells), whole.points + displaced, np.arange(len(cells))
     for reply, way, along in zip(replies, (displaced, velocity, last), ways, strict=True):
-        expected = headroom(after, way, cells, rest, "relative-size-skew", 0.2, np.arange(len(cells)))
+        expected = headroom(after, after - way, cells, rest, "relative-size-skew", 0.2, every, every)
         assert reply.headroom["along"] == along
         assert reply.headroom["inversion"] == pytest.approx(expected.inversion, rel=1e-6)
         assert reply.headroom["threshold"] == pytest.approx(expected.threshold, rel=1e-3)

@@ -84,7 +84,9 @@ def run(
         if restart:
             session = resume_session(server, mesh, credentials)
         else:
-            session = server.open(mesh, configuration.method, label=f"preCICE {configuration.participant}")
+            label, scheme = f"preCICE {configuration.participant}", configuration.velocity_scheme
+            levels = scheme if scheme != "bdf1" else ""
+            session = server.open(mesh, configuration.method, label=label, time_levels=levels)
         with session:
             begun = f"goes on after window {session.step}" if restart else "begins"
             _LOG.info("%s: session %s %s", configuration.participant, session.credentials.session, begun)

@@ -20,6 +20,7 @@ from mesh_motion_precice.adapter_config import read_tables
 __all__ = ["Configuration", "Frame", "Surface", "Volume", "read_configuration"]
 
 Frame = Literal["reference", "committed"]
+Scheme = Literal["bdf1", "bdf2", "bossak"]
 _Section = TypeVar("_Section")
 
 
@@ -52,7 +53,7 @@ class Volume:
         False: the mesh is provided here, a vertex a node. True: the mesh belongs to a solver and is received from it
         with ``api-access="true"``; each of its vertices must lie on a node of the mesh file.
     velocity : str
-        The data that gets the nodes' mean velocity over the step; empty: it is not written.
+        The data that gets the nodes' velocity; empty: it is not written.
     """
 
     mesh: str
@@ -77,6 +78,7 @@ class _MeshSection:
 class _CouplingSection:
     frame: Frame = "reference"
     time_step: float = float("inf")
+    velocity_scheme: Scheme = "bdf1"
 
 
 @dataclass(frozen=True)
@@ -98,6 +100,8 @@ class Configuration:
         of the last window.
     time_step : float
         Longest step, time unit; infinite: a window is one step.
+    velocity_scheme : {"bdf1", "bdf2", "bossak"}
+        The server's scheme of the nodes' velocity.
     method : dict
         Settings of the method, for the server to check.
     mesh_zone : str
@@ -112,6 +116,7 @@ class Configuration:
     volume: Volume
     frame: Frame = "reference"
     time_step: float = float("inf")
+    velocity_scheme: Scheme = "bdf1"
     method: dict[str, Any] = field(default_factory=dict)
     mesh_zone: str = ""
 
@@ -141,10 +146,17 @@ def _checked(values: dict[str, Any], folder: Path) -> Configuration:
         raise InvalidInput("[read] must be a list of tables", hint="write [[read]] once for each moving patch")
     precice = _section(_PreciceSection, values.get("precice", {}), "precice")
     coupling = _section(_CouplingSection, values.get("coupling", {}), "coupling")
-    if coupling.frame not in get_args(Frame):
-        raise InvalidInput(f"coupling.frame must be one of {', '.join(get_args(Frame))}, got {coupling.frame!r}")
+    for key, choices in (("frame", get_args(Frame)), ("velocity_scheme", get_args(Scheme))):
+        if (value := getattr(coupling, key)) not in choices:
+            raise InvalidInput(f"coupling.{key} must be one of {', '.join(choices)}, got {value!r}")
     if not coupling.time_step > 0.0:
         raise InvalidInput(f"coupling.time_step must be positive, got {coupling.time_step!r}")
+    if coupling.velocity_scheme != "bdf1" and coupling.time_step < float("inf"):
+        raise InvalidInput(
+            f"coupling.time_step: with velocity_scheme = {coupling.velocity_scheme!r} a window must be one step, "
+            f"got {coupling.time_step!r}",
+            hint="leave coupling.time_step away, or use velocity_scheme = 'bdf1'",
+        )
     mesh = _section(_MeshSection, values.get("mesh", {}), "mesh")
     configuration = Configuration(
         precice_config=folder / precice.config,
@@ -155,6 +167,7 @@ def _checked(values: dict[str, Any], folder: Path) -> Configuration:
         volume=_section(Volume, values.get("write", {}), "write"),
         frame=coupling.frame,
         time_step=coupling.time_step,
+        velocity_scheme=coupling.velocity_scheme,
         method=_table(values.get("method", {}), "method"),
         mesh_zone=mesh.zone,
     )

@@ -3,7 +3,9 @@
 preCICE asks an implicitly coupled participant to keep its state where a window begins and to restore it when the window
 is computed again. The server keeps it: a move is a trial from the last committed state, at every repetition, and only
 ``commit`` changes that state. So writing a checkpoint needs no action, and reading it is ``rollback``.
-With several steps in a window each is a trial from the beginning of the window, and the last one is committed.
+With several steps in a window each is a trial from the beginning of the window, and the last one is committed. The
+server knows the committed windows only: its velocity is that of a window's first step, and the velocity of a later step
+is its displacement divided by its time.
 """
 
 from __future__ import annotations
@@ -82,6 +84,7 @@ class Participant:
         self._mesh = mesh
         self._frame = configuration.frame
         self._time_step = configuration.time_step
+        self._scheme = configuration.velocity_scheme if configuration.volume.velocity else ""
         self._windows = count_windows(configuration.precice_config)
         self._surfaces = [WetVertices.provide(coupling, surface, mesh) for surface in configuration.surfaces]
         self._volume = VolumeVertices.prepare(coupling, configuration.volume, mesh)
@@ -132,13 +135,17 @@ class Participant:
             preCICE's error, for example that another participant has ended.
         """
         coupling, time, iterations = self._coupling, 0.0, 1
-        start, before = time, self._start
+        start, before, first = time, self._start, self._session.time or 0.0
         while coupling.is_coupling_ongoing():
             if coupling.requires_writing_checkpoint():
                 start = time
             step = self._step(coupling.get_max_time_step_size())
-            moved = self._session.move(self._boundary(step), frame=self._frame)
-            self._volume.write(coupling, moved.displacement, (moved.displacement - before) / step)
+            boundary, now = self._boundary(step), first + time + step
+            moved = self._session.move(boundary, frame=self._frame, time=now, velocity=self._scheme)
+            velocity = moved.velocity
+            if velocity is not None and before is not self._start:  # the server has that since the window began
+                velocity = (moved.displacement - before) / step
+            self._volume.write(coupling, moved.displacement, velocity)
             coupling.advance(step)
             time, before = time + step, moved.displacement
             if coupling.requires_reading_checkpoint():

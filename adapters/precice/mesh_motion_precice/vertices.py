@@ -115,10 +115,12 @@ class VolumeVertices:
             raise InvalidInput(f"the preCICE mesh {self.volume.mesh!r} has no vertex near the mesh file's nodes")
         return VolumeVertices(self.volume, nodes_at(places, mesh.points, f"mesh {self.volume.mesh!r}"), ids)
 
-    def write(self, coupling: Coupling, displacement: NDArray[np.float64], velocity: NDArray[np.float64]) -> None:
+    def write(
+        self, coupling: Coupling, displacement: NDArray[np.float64], velocity: NDArray[np.float64] | None
+    ) -> None:
         """Write the displacement (n, d) of the mesh file's nodes that have a vertex, and their velocity if wanted."""
         coupling.write_data(self.volume.mesh, self.volume.data, self.ids, displacement[self.nodes])
-        if self.volume.velocity:
+        if self.volume.velocity and velocity is not None:
             coupling.write_data(self.volume.mesh, self.volume.velocity, self.ids, velocity[self.nodes])
 
 

@@ -151,9 +151,9 @@ class BoundaryMotion:
         del points
         raise SessionError("the trial is not judged, or it was refused", hint="send JUDGE from every partition first")
 
-    def headroom(self, way: Floats, points: Floats, worst: Integers) -> Headroom:
+    def headroom(self, before: Floats, points: Floats, worst: Integers) -> Headroom:
         """Refuse, as :meth:`summary` does."""
-        del way, points, worst
+        del before, points, worst
         raise SessionError("the headroom is not known here: the client has the cells")
 
     def why_no_slope(self) -> InvalidInput | None:

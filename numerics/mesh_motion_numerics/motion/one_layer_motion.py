@@ -82,10 +82,9 @@ class OneLayerMotion:
         """Quality of the plane with the nodes at ``points`` (n, 3)."""
         return self._in_space(self.plane.summary(self.layer.project(points)), points)
 
-    def headroom(self, way: Floats, points: Floats, worst: Integers) -> Headroom:
+    def headroom(self, before: Floats, points: Floats, worst: Integers) -> Headroom:
         """The result of :meth:`.PreparedMesh.headroom` for the plane."""
-        before, now = (self.layer.project(places) for places in (points - way, points))
-        return self.plane.headroom(now - before, now, worst)
+        return self.plane.headroom(self.layer.project(before), self.layer.project(points), worst)
 
     def without_distributions(self) -> Self:
         """The same, judged exactly by its worst cells, without distributions."""

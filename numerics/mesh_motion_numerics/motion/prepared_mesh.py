@@ -143,13 +143,23 @@ class PreparedMesh:
         images = () if periodic is None else periodic.generators
         return PossibleCrossing.build(self.points, self.cells, self.roles, self.coincident, sliding, images)
 
-    def headroom(self, way: Floats, points: Floats, worst: Integers) -> Headroom:
-        """The number of further steps like ``way`` (n, d) that the mesh at ``points`` (n, d) admits.
+    def headroom(self, before: Floats, points: Floats, worst: Integers) -> Headroom:
+        """The number of further steps like that from ``before`` (n, d) which the mesh at ``points`` (n, d) admits.
 
         ``worst`` (w,) are the worst cells there, as a judgement names them.
         """
         metric, threshold = self.method.quality_metric, self.method.quality_threshold
-        return headroom(points, way, self.cells, self.reference_sizes, metric, threshold, worst)
+        return headroom(
+            points, before, self.cells, self.reference_sizes, metric, threshold, worst, self.cells_at_moving
+        )
+
+    @cached_property
+    def cells_at_moving(self) -> Integers:
+        """(k,) numbers of the cells with a facet on the moving boundary, ascending."""
+        moving = np.zeros(len(self.points), dtype=bool)
+        moving[self.roles.moving] = True
+        of_facet = self.cells.dimension
+        return np.flatnonzero(np.concatenate([moving[block.nodes].sum(axis=1) >= of_facet for block in self.cells]))
 
     def summary(self, points: Floats, quality: CellQuality | None = None) -> Judgement:
         """Quality of the mesh with its nodes at ``points`` (n, d), size relative to the reference mesh.

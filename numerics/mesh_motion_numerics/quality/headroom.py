@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import mesh_motion_kernels as kernels
@@ -16,7 +17,7 @@ __all__ = ["HORIZON", "Headroom", "headroom"]
 HORIZON = 100.0
 """Number of steps beyond which nothing is predicted."""
 _FIRST = 64  # number of cells that invert first; they and the worst cells decide when the threshold is reached
-_HALVINGS = 12  # halvings of the way to the inversion: accurate to 0.02 % of it
+_PLACES, _ROUNDS = 17, 2  # on the way to the inversion, then on the part with the threshold, which is nearly straight
 
 
 @dataclass(frozen=True)
@@ -40,9 +41,16 @@ class Headroom:
 
 
 def headroom(
-    points: Floats, step: Floats, cells: CellTable, rest: AtRest, metric: str, threshold: float, worst: Integers
+    points: Floats,
+    before: Floats,
+    cells: CellTable,
+    rest: AtRest,
+    metric: str,
+    threshold: float,
+    worst: Integers,
+    near: Integers,
 ) -> Headroom:
-    """The headroom of a mesh that the last ``step`` (n, d) took to ``points`` (n, d); mesh length unit.
+    """The headroom of a mesh whose last step went from ``before`` (n, d) to ``points`` (n, d); mesh length unit.
 
     The determinants of corners are polynomials along the step: their first root is exact. The real motion is straight
     only if its targets are, and a correction keeps cells valid for longer than this result: it is an early warning.
@@ -55,33 +63,53 @@ def headroom(
         The quality metric of the ``threshold``.
     worst : (w,) int64 array
         The worst cells at ``points``: a cell that hardly changes any more may be the next below the threshold.
+    near : (k,) int64 array
+        Ascending; in a large mesh these cells are always looked at, and the others if neighbours invert early.
     """
-    steps, first = kernels.first_inversions(points, step, cells.nodes, HORIZON, _FIRST)
-    nodes, few, few_at_rest = _only(cells, rest, np.union1d(first, worst))
-    begin, way = points[nodes], step[nodes]
-
-    def is_above(s: float) -> bool:
-        return bool(cell_quality(begin + s * way, few, few_at_rest).metric(metric).min() >= threshold)
-
+    worst = np.sort(worst)
+    near = np.insert(near, np.searchsorted(near, worst), worst)
+    steps, first = kernels.first_inversions(points, before, cells.nodes, near, HORIZON, _FIRST)
+    lowest = _on_the_way(points, before, cells, rest, np.union1d(first, worst), metric)
     low, high = 0.0, min(float(steps[0]), HORIZON)
-    if not is_above(0.0):
-        high = 0.0
-    elif is_above(high):  # a threshold below 0, or beyond the horizon
-        low = high = np.inf
+    for _ in range(_ROUNDS):
+        places = np.linspace(low, high, _PLACES)
+        values = lowest(places)
+        below = np.flatnonzero(~(values >= threshold))
+        if not len(below) or below[0] == 0:  # a threshold below 0, or beyond the horizon; or below it now
+            low = 0.0 if len(below) else np.inf
+            break
+        low, high = places[below[0] - 1 : below[0] + 1]
     else:
-        for _ in range(_HALVINGS):
-            middle = 0.5 * (low + high)
-            low, high = (middle, high) if is_above(middle) else (low, middle)
-    return Headroom(float(steps[0]), low, int(first[0]))
+        above, under = values[below[0] - 1 : below[0] + 1]
+        low += (high - low) * (above - threshold) / (above - under)
+    return Headroom(float(steps[0]), float(low), int(first[0]))
 
 
-def _only(cells: CellTable, rest: AtRest, numbers: Integers) -> tuple[Integers, CellTable, AtRest]:
-    """The nodes of the cells with these ascending numbers, and these cells as a mesh that has only these nodes."""
-    rows = {
-        block.type.name: block.nodes[numbers[(span.start <= numbers) & (numbers < span.stop)] - span.start]
-        for block, span in cells.numbered
+def _on_the_way(
+    points: Floats, before: Floats, cells: CellTable, rest: AtRest, numbers: Integers, metric: str
+) -> Callable[[Floats], Floats]:
+    """The lowest value of a metric among the cells with these ascending numbers, for _PLACES multiples of the step.
+
+    The cells are judged at all places together, as a mesh with a copy of them for each place.
+    """
+    spans = [(numbers >= span.start) & (numbers < span.stop) for _, span in cells.numbered]
+    own = [block.nodes[numbers[here] - span.start] for (block, span), here in zip(cells.numbered, spans, strict=True)]
+    nodes = np.unique(np.concatenate([rows.ravel() for rows in own]))
+    shifts = len(nodes) * np.arange(_PLACES)[:, None, None]
+    copies = {
+        block.type.name: (np.searchsorted(nodes, rows) + shifts).reshape(-1, rows.shape[1])
+        for block, rows in zip(cells, own, strict=True)
     }
-    nodes = np.unique(np.concatenate([own.ravel() for own in rows.values()]))
-    at_rest = rest[numbers]
-    table = CellTable.from_arrays({name: np.searchsorted(nodes, own) for name, own in rows.items()})
-    return nodes, table, at_rest.of_nodes(nodes) if isinstance(at_rest, CellsAtRest) else at_rest
+    table = CellTable.from_arrays(copies)
+    at_rest = rest[np.concatenate([np.tile(numbers[here], _PLACES) for here in spans])]
+    if isinstance(at_rest, CellsAtRest):
+        at_rest = at_rest.of_nodes(np.tile(nodes, _PLACES))
+    begin, way = points[nodes], points[nodes] - before[nodes]
+
+    def lowest(places: Floats) -> Floats:
+        there = (begin + places[:, None, None] * way).reshape(-1, begin.shape[1])
+        values = cell_quality(there, table, at_rest).metric(metric)
+        by_place = [values[span].reshape(_PLACES, -1) for _, span in table.numbered]
+        return np.asarray(np.concatenate(by_place, axis=1).min(axis=1))
+
+    return lowest

@@ -36,6 +36,8 @@ def test_a_file_is_read_with_its_defaults(case, tmp_path):
         (("[coupling]", '[coupling]\nframe = "total"'), "coupling.frame must be one of reference, committed"),
         (("[coupling]", "[coupling]\ntime_step = 0.0"), "coupling.time_step must be positive"),
         (("[coupling]", "[coupling]\ntime_step = true"), "coupling.time_step: expected a number"),
+        (("[coupling]", '[coupling]\nvelocity_scheme = "bdf3"'), "must be one of bdf1, bdf2, bossak, got 'bdf3'"),
+        (("[coupling]", '[coupling]\nvelocity_scheme = "bdf2"\ntime_step = 0.05'), "a window must be one step"),
         (("[mesh]", "[mesh"), "mesh-motion.toml is not a TOML file"),
     ],
 )

@@ -25,7 +25,9 @@ def play(server, case, stub):
         mesh = load_mesh(configuration)
         precice = stub(*arguments, **more)
         participant = Participant(precice, mesh, configuration)
-        session = resume_session(server, mesh, credentials) if restart else server.open(mesh, configuration.method)
+        levels = {"bdf1": ""}.get(configuration.velocity_scheme, configuration.velocity_scheme)
+        opened = server.open(mesh, configuration.method, time_levels=levels) if not restart else None
+        session = opened or resume_session(server, mesh, credentials)
         if credentials and not restart:
             session.credentials.save(credentials)
         with session:
@@ -130,7 +132,7 @@ BUGS = sorted(set(vars(Seeded)) - set(vars(Participant)))
 def test_a_seeded_bug_is_found(bug, case, play, direct, monkeypatch):
     monkeypatch.setattr(Seeded, "bug", bug, raising=False)
     monkeypatch.setitem(globals(), "Participant", Seeded)
-    with pytest.raises(AssertionError):
+    with pytest.raises((AssertionError, InvalidInput)):
         couple_steps_within_windows(case, play, direct)
 
 
@@ -220,6 +222,42 @@ def test_the_velocity_is_the_displacement_of_the_step_over_its_time(case, play, 
         expected = [moved[0], moved[1] - moved[0], moved[2], moved[3] - moved[2], moved[4] - last, moved[5] - moved[4]]
         np.testing.assert_allclose(found, np.array(expected) / 0.05, atol=1e-12)
         assert np.abs(found).max() > 1e-3
+
+
+@pytest.mark.parametrize("scheme", ["bdf1", "bdf2", "bossak"])
+def test_the_velocity_is_that_of_the_server_s_scheme(scheme, case, play, script, tmp_path):
+    """Its earlier levels outlive a restart."""
+    meshes = script([1])["meshes"]
+    meshes["Volume"]["data"].append("NodeVelocity")
+    file, same = case(f'velocity_scheme = "{scheme}"', volume='velocity = "NodeVelocity"'), {"meshes": meshes}
+
+    def velocities(precice):
+        last = precice.script.iterations
+        written = [written for window, iteration, _, written in precice.history if iteration == last[window]]
+        return [each["Volume", "NodeVelocity"] for each in written], [each[VOLUME] for each in written]
+
+    _, precice, _ = play([2, 1, 3, 1], file=file, **same)
+    found, x = velocities(precice)
+    rest, dt = np.zeros_like(x[0]), 0.1
+    first = [(x[0] - rest) / dt, *(np.diff(x, axis=0) / dt)]
+    if scheme == "bdf1":
+        expected = first
+    elif scheme == "bdf2":
+        levels = np.array([rest, *x])
+        expected = [first[0], *((1.5 * levels[2:] - 2.0 * levels[1:-1] + 0.5 * levels[:-2]) / dt)]
+    else:
+        expected, before, velocity, acceleration = [], rest, rest, rest
+        for now in x:  # Newmark's rule
+            new = ((now - before) / dt**2 - velocity / dt - (0.5 - 0.4225) * acceleration) / 0.4225
+            velocity = velocity + dt * (0.2 * acceleration + 0.8 * new)
+            before, acceleration = now, new
+            expected.append(velocity)
+    np.testing.assert_allclose(found, expected, atol=1e-11)
+    assert np.abs(np.array(expected) - first).max() > 1e-3 or scheme == "bdf1"
+    credentials = tmp_path / "session"
+    play([1, 2], file=file, credentials=credentials, **same)
+    _, second, _ = play([1, 2], file=file, begin=2, credentials=credentials, restart=True, **same)
+    np.testing.assert_array_equal(velocities(second)[0], found[2:])
 
 
 @pytest.fixture

@@ -8,15 +8,21 @@
 
 namespace mesh_motion {
 
-/// The least s in (0, horizon] at which a corner determinant of a cell is 0 with the nodes at points + s step (n, d), for
-/// the `count` cells with the smallest ones, ascending, and the numbers of these cells through all blocks (of equal
+/// The least s in (0, horizon] at which a corner determinant of a cell is 0 if all nodes, at points (n, d) after a step
+/// from `before` (n, d), make s further such steps; for the `count` cells with the smallest ones, ascending, and the numbers of these cells through all blocks (of equal
 /// values the lower numbers first). 0 for a cell that is invalid at points, ∞ for a cell without such an s.
 ///
 /// The determinant of edges E + s V is a polynomial of degree d in s, so its first root is found exactly. Roots are
-/// sought only where one is possible: a sample of the cells gives an upper limit of the smallest ones, and a polynomial
-/// whose Bernstein coefficients on (0, limit) are all positive has no root there.
-std::pair<Owned<double, 1>, Owned<Index, 1>> first_inversions(Matrix<const double> points, Matrix<const double> step,
+/// sought only where one is possible: a polynomial whose Bernstein coefficients on (0, limit) are all positive has no
+/// root there.
+///
+/// A step that is linear in a group of adjacent cells inverts them all at the same s, whatever their shapes. So in a
+/// large mesh the first cell of each group is a sample for this group and the one before it, and so are the cells `near`
+/// (ascending), where the step may be different in each cell. All cells of a group are looked at if one of its samples
+/// may be among the first, up to a factor. This factor is the square of the largest ratio at which a group was found to
+/// invert earlier than its samples. If it is 2, or if the step is rough, all cells of the mesh are looked at.
+std::pair<Owned<double, 1>, Owned<Index, 1>> first_inversions(Matrix<const double> points, Matrix<const double> before,
                                                               const std::vector<Matrix<const Node>>& blocks,
-                                                              double horizon, Index count);
+                                                              Vector<const Index> near, double horizon, Index count);
 
 }  // namespace mesh_motion
