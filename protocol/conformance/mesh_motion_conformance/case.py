@@ -13,6 +13,7 @@ __all__ = ["Case", "Outcome", "Rows", "Skip", "Suite", "Unmet", "require", "sect
 Run = Callable[..., None]
 #: Cases of one kind: the name of each, and the values in which it differs from the others.
 Rows = Mapping[str, Sequence[Any]]
+Make = Callable[[], Iterable[tuple[Any, ...]]]
 
 
 class Unmet(Exception):
@@ -112,10 +113,19 @@ class Suite:
 
         return register
 
-    def family(self, make: Callable[[], Iterable[Case]]) -> Callable[[], Iterable[Case]]:
-        """Many cases of one kind, made from a table."""
-        self._sources.append(make)
-        return make
+    def family(self, run: Run, section: str = "") -> Callable[[Make], Make]:
+        """Cases of one kind: a generator yields section (unless it is given), name, demand and further arguments."""
+
+        def register(make: Make) -> Make:
+            def cases() -> Iterator[Case]:
+                for row in make():
+                    at, name, demand, *values = (section, *row) if section else row
+                    yield Case(at, name, demand, partial(_called, run, values))
+
+            self._sources.append(cases)
+            return make
+
+        return register
 
     def __iter__(self) -> Iterator[Case]:
         for source in self._sources:

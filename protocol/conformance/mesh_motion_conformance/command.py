@@ -45,7 +45,7 @@ class Subject:
     def stage(self) -> Stage | ClientStage:
         """Where they are played."""
         if self.client:
-            return ClientStage(self.client, seconds=self.seconds)
+            return ClientStage(self.client)
         waits = {"seconds": self.seconds, "opening_seconds": self.opening_seconds, "patience": self.patience}
         return Stage(self.endpoint, **waits)
 
@@ -76,10 +76,6 @@ def conform(
         File for a report.
     quiet : bool
         Print failures and the summary only.
-
-    Returns
-    -------
-    list of Outcome
 
     Raises
     ------
