@@ -44,13 +44,7 @@ class GrowingSet:
         return self._problem.displacement[nodes] - self._problem.columns(self.selected, rows=nodes) @ self.weights
 
     def append(self, node: int) -> float:
-        """Append a node; return the number of multiply-adds.
-
-        Raises
-        ------
-        QualityRefused
-            If its pivot is only rounding.
-        """
+        """Append a node; return the number of multiply-adds. Raises QualityRefused if its pivot is only rounding."""
         n = self.count
         self._reserve(n + 1)
         inverse = self._inverse[:n, :n]
