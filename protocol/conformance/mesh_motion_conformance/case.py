@@ -42,24 +42,12 @@ class Skip(Exception):
 
 @dataclass(frozen=True)
 class Case:
-    """One case.
+    """One case."""
 
-    Attributes
-    ----------
-    section : str
-        The number of SPEC.md's section or sentence, as ``"10.2"``.
-    name : str
-        Short, unique with the section.
-    demand : str
-        The demand of SPEC.md, in one line.
-    run : callable
-        Gets the stage; raises :class:`Unmet` or :class:`Skip`.
-    """
-
-    section: str
-    name: str
-    demand: str
-    run: Callable[[Any], None]
+    section: str  # the number of SPEC.md's section or sentence, as ``"10.2"``
+    name: str  # short, unique with the section
+    demand: str  # the demand of SPEC.md, in one line
+    run: Callable[[Any], None]  # gets the stage; raises :class:`Unmet` or :class:`Skip`
 
     @property
     def id(self) -> str:
