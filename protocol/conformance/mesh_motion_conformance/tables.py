@@ -16,9 +16,8 @@ __all__ = ["Field", "Tables", "tables"]
 class Field:
     """A field of a message, from its row in section 12."""
 
-    #: name, kind: ``kind`` is str, bin, int, float, bool, array, map, any or frames
     name: str
-    kind: str
+    kind: str  # str, bin, int, float, bool, array, map, any or frames
     required: bool
     #: Further contents of the row: ``choices``, ``low``, ``high``, ``exactly``, ``at_most``, ``item``, ``dtypes``,
     #: ``axes``, ``default``.
