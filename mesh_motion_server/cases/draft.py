@@ -100,7 +100,7 @@ def _roles(
 
 
 def _impossible(mesh: MeshFile, roles: Mapping[str, tuple[str, str]], facets: _Facets) -> dict[str, tuple[str, str]]:
-    """Other roles for periodic patches that no other one continues, and for curved symmetry planes."""
+    """Other roles for periodic patches without a partner, and for curved symmetry planes."""
     named = {kind: [name for name, (role, _) in roles.items() if role == kind] for kind in ("periodic", "symmetry")}
     found: dict[str, tuple[str, str]] = {}
     for name in named["symmetry"]:

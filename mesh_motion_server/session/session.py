@@ -151,7 +151,7 @@ class Session(Answers):
         return self.upload.reach, wall.reference[wall.simplices]
 
     def build(self) -> None:
-        """After the upload: check the mesh, and make it durable.
+        """Check the uploaded mesh, and make it durable.
 
         Raises InvalidInput if the mesh is unusable; in the numbering of the upload. Raises ResourceExhausted if the
         disk cannot store it.
@@ -342,7 +342,7 @@ class Session(Answers):
             raise
 
     def suspend(self) -> None:
-        """After the end of the lease: make all commits durable, or the session FROZEN."""
+        """Suspend the session, whose lease has ended: make all commits durable, or the session FROZEN."""
         with logged_failure(self.spec.session):
             self.catch_up()
         state = self.admit(Operation.LEASE_END)

@@ -47,8 +47,9 @@ class SessionSpec:
 
 @dataclass(frozen=True)
 class StoredSpec:
-    """The same without the token, in the form of ``spec.json``: JSON with these attributes as keys; usual values, from
-    the owner on, have no key.
+    """The spec without its token, as ``spec.json`` has it: JSON with these attributes as keys.
+
+    ``owner`` and the attributes after it have no key while they have their defaults.
     """
 
     session: str

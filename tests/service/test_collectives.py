@@ -52,7 +52,7 @@ def test_a_partition_without_moving_nodes_takes_part(store: Any) -> None:
 
 
 def test_the_end_of_the_run_is_shown_until_another_one_is(pair: Any, store: Any) -> None:
-    """With several partitions the largest value counts: each partition may estimate it separately."""
+    """The largest value of all partitions counts, because each of them may estimate it separately."""
     pair.move(1)
     replies = pair.send(pair.request(Commit, 0, step=1, final_step=40))
     replies += pair.send(pair.request(Commit, 1, step=1, final_step=50))

@@ -226,9 +226,7 @@ DEMANDING = {"quality_threshold": 0.9, "refuse_below_threshold": True}
 
 
 def test_a_limit_of_computing_ends_any_move_and_changes_nothing(store: Any, ticking: list[int]) -> None:
-    """At any point of the computation: the refusal names the time limit, without a fraction or with the same
-    fraction.
-    """
+    """The limit may end any point of the computation: the refusal names it, with the same fraction or none."""
     driver = driver_of(store, [boxed(12)], **DEMANDING)
     driver.open()
     trial = driver.all(Move, bulge(driver, 0.01), step=1)[0]

@@ -242,7 +242,7 @@ def digest_at(session_folder: Path, step: int) -> bytes:
 
 
 def _outcome_in(handle: int, step: int) -> tuple[int | None, bytes]:
-    """In a segment: the step at which the last input or "taken up" starts, and the digest of ``step`` after it."""
+    """The step at which the last input or "taken up" of a segment starts, and the digest of ``step`` after it."""
     begun: int | None = None
     digest = b""
     for head in _heads(handle):

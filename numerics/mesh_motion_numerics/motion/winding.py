@@ -3,7 +3,7 @@
 A boundary at 200° is also a boundary at −160°, and there is a mesh for each. The committed mesh shows which of the two
 is meant: along a chain of cells from a wall at rest to the body the rotation is continuous. In 2D two cells of positive
 size that share an edge differ by less than half a turn, so the turn is counted exactly; in 3D it is counted about the
-coordinate axis that is nearest to the rotation's axis. From this turn a body continues by the smallest change. Nothing
+coordinate axis that is nearest to the rotation's axis. The next turn of a body is the one nearest to this turn. Nothing
 is stored, so a mesh continues in the same way after a resume or a rollback.
 
 Interpolation of a displacement cannot wind a mesh: its result is the same after a whole turn. So a turn θ is divided

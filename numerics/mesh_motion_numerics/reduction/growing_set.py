@@ -1,4 +1,4 @@
-"""A set of nodes that grows one by one, and its weights, by two products of its size each (thesis §2.2.3: N_c³).
+"""A set of nodes that grows one by one, and its weights; a node costs two products of its size (thesis §2.2.3: N_c³).
 
 With ``φ_cc = L Lᵀ`` the weights are ``γ = L⁻ᵀ y, y = L⁻¹ d``. A further node appends a row to L, a row w to
 ``W = L⁻¹``, and an entry to y: the scaled error of the earlier nodes at the new one. So ``γ = Σ_j w_j y_j`` only gains
