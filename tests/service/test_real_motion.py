@@ -51,6 +51,7 @@ def test_any_number_of_partitions_and_any_interruption_give_the_same_bits(
         host = SessionHost.resume(SESSION, TOKEN, store)
         one.host = host
         one.join()
+    assert all((moved[0].correction[name] > 0) == (correction != "none") for name in ("freed_nodes", "iterations"))
     assert moved[0].quality["metric"] == "relative-size-skew"
     many.host.close()
     one.host.close()

@@ -110,7 +110,7 @@ Index for_metrics(const Cells& cells, const std::vector<Metric>& metrics, Index 
 
 /// Bins of [−1, 1], each divided into equal parts: the bins of count_in_bins, for vectors of any width.
 struct Bins {
-    /// Equal values are frequent; their counts go to these sets in turn, so that no count waits for the one before.
+    /// Counts go to these sets in turn: counts of equal values, which are frequent, then need not wait for each other.
     static constexpr Index sets = 4;
     Index bins;
     std::vector<std::uint32_t> counts = std::vector<std::uint32_t>(sets * bins);
