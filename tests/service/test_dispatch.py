@@ -4,8 +4,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from mesh_motion_protocol.messages import Move, Status, Upload
+from mesh_motion_protocol.messages import Commit, Move, Status, Upload
 from raising import raising
+
+from tests.faults.driver import TOKEN, make_driver, resume_driver
+from tests.faults.stand_in import grid_mesh
 
 
 def test_iterations_start_from_the_committed_state_and_share_a_factorization(ready: Any) -> None:
@@ -66,3 +69,24 @@ def test_an_executed_request_is_known_even_if_its_count_fails(ready: Any, monkey
     ready.send(move)
     assert ready.send(move)[0].type == "MOVED"
     assert ready.host.iteration == 1
+
+
+def test_a_lost_trial_is_named_also_after_the_lease_has_ended(ready: Any) -> None:
+    ready.move(1)
+    ready.host.reclaim(TOKEN)
+    ready.host.suspend()
+    ready.join()
+    (refused,) = ready.all(Commit, step=1)
+    assert refused.code == "ABORTED.TRIAL_LOST"
+    assert [reply.type for reply in ready.advance(1)] == ["COMMITTED"]
+
+
+def test_steps_are_lost_only_where_the_worker_was_restarted(store: Any) -> None:
+    driver = make_driver(store, [grid_mesh()], spec={"durability": "relaxed"})
+    driver.open()
+    driver.advance(1)
+    (reply,) = driver.move(5)
+    assert (reply.code, reply.details) == ("FAILED_PRECONDITION.STEP", {"expected": 2, "got": 5})
+    driver.host.close()
+    (reply,) = resume_driver(driver, store).move(5)
+    assert reply.code == "ABORTED.STEPS_LOST"
