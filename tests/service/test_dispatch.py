@@ -8,7 +8,8 @@ import pytest
 from mesh_motion_protocol.messages import Close, Commit, Move, Status, Upload
 from raising import raising
 
-from tests.faults.driver import TOKEN, make_driver, resume_driver
+from mesh_motion_server.session.history.events import read_events
+from tests.faults.driver import SESSION, TOKEN, make_driver, resume_driver
 from tests.faults.stand_in import grid_mesh, split_mesh
 
 
@@ -72,7 +73,7 @@ def test_an_executed_request_is_known_even_if_its_count_fails(ready: Any, monkey
     assert ready.host.iteration == 1
 
 
-def test_a_lost_trial_is_named_also_after_the_lease_has_ended(ready: Any) -> None:
+def test_a_lost_trial_is_named_also_after_the_lease_has_ended(ready: Any, store: Any) -> None:
     ready.move(1)
     ready.host.reclaim(TOKEN)
     ready.host.suspend()
@@ -80,6 +81,8 @@ def test_a_lost_trial_is_named_also_after_the_lease_has_ended(ready: Any) -> Non
     (refused,) = ready.all(Commit, step=1)
     assert refused.code == "ABORTED.TRIAL_LOST"
     assert [reply.type for reply in ready.advance(1)] == ["COMMITTED"]
+    events = [event["event"] for event in read_events(store.root / "sessions" / SESSION)]
+    assert events.count("joined") == 1  # a JOIN of a session that was not suspended is no event
 
 
 def test_steps_are_lost_only_where_the_worker_was_restarted(store: Any) -> None:

@@ -338,6 +338,19 @@ def commit_before_a_judge(stage: Stage) -> None:
 
 
 @suite("23.8")
+def commit_before_a_judge_of_the_correction(stage: Stage) -> None:
+    """A trial that is corrected after its JUDGE is judged again before its COMMIT."""
+    session = _correcting(stage)
+    session.do(session.judge(0.9), reached=True)
+    inner = next(node for node in range(len(SQUARE.points)) if node not in OUTER)
+    correct = session.correct()
+    session.do(replace(correct, arrays=correct.arrays | {"positions": _squeezed(SQUARE.points, inner)}), region={})
+    refused(session.ask("COMMIT"), "FAILED_PRECONDITION.STATE", state="TRIAL")
+    session.do("JUDGE")
+    session.do("COMMIT")
+
+
+@suite("23.8")
 def bad_quality_is_refused(stage: Stage) -> None:
     """A trial of inverted cells is refused by its JUDGE, and cannot be committed."""
     session = stage.judging()
