@@ -8,6 +8,7 @@ import pytest
 from mesh_motion_protocol.messages import Close, Commit, Move, Status, Upload
 from raising import raising
 
+from mesh_motion_server.service import move
 from mesh_motion_server.session.history.events import read_events
 from tests.faults.driver import SESSION, TOKEN, make_driver, resume_driver
 from tests.faults.stand_in import grid_mesh, split_mesh
@@ -127,3 +128,14 @@ def test_a_session_without_a_mesh_leaves_nothing_behind(driver: Any, store: Any)
     driver.join()
     driver.host.close()
     assert list((store.root / "sessions").iterdir()) == []
+
+
+@pytest.mark.parametrize("extent", [1.0, 100.0])
+def test_the_largest_displacement_is_a_multiple_of_the_extent(
+    store: Any, monkeypatch: pytest.MonkeyPatch, extent: float
+) -> None:
+    monkeypatch.setattr(move, "_FARTHEST", 0.09)
+    driver = make_driver(store, [replace(grid_mesh(), points=extent * grid_mesh().points)])
+    driver.open()
+    inside, beyond = (driver.all(Move, [np.full((5, 2), share * extent)], step=1)[0] for share in (0.08, 0.1))
+    assert (inside.type, beyond.code) == ("MOVED", "INVALID_ARGUMENT.VALUE")
