@@ -1,33 +1,34 @@
-# make demo   plays the thesis' cases, standard against corrected: a table and pictures in out/demo
-# make test   runs a core of every area's tests, three files at a time (JOBS=4 for more), in about six minutes
-# make test-all runs all of them, as CI does: whole runs, each page of the documentation, many drawn examples, in half an hour;
-#             what fails runs once more, alone, and is named as flaky if it then passes
-# make coverage runs the tests of `make test` and shows which lines they run, in all processes: out/coverage (in CI: a job of its own)
-# make manual writes docs/man after a change of a command
-# make wheel  builds the distributions into dist, the wheel for every instruction set, and tries it in an empty environment
-# make lock   writes the newest exact versions and hashes of all packages (requirements/)
-# make release VERSION=x.y.z checks what a release must be, builds it twice, tries it and says what comes next
-# make lint   ruff and mypy, as CI does
-# make prove  shows in a few minutes that nothing committed is lost and nothing wrong let in: a line each, out/prove/proof.json
-#             (PROVE="--only soak" for some)
-# make prove-full the same with the counts of a night
-# make sanitize runs the tests of the numerics on kernels that check every index, address, operation and race, an hour
-# make nightly runs what takes hours and rarely fails: sanitizers, the demo without a compiler, prove-full
-# make peers  compares with OpenFOAM, Kratos and textbook RBF, as far as they are installed (benchmarks/README.md)
-# make bench  measures growth to five million nodes, the correction and every system installed: one page, twenty minutes
-# make bench-quick the most telling of it in three minutes
-# make track  measures some figures of this commit with asv, in an environment of its own, and shows all tracked commits: out/asv/html
-#             (COMMITS="v1..main --steps 10" for others; benchmarks/asv.conf.json)
-# make studies recomputes every table and figure of docs/thesis.md, beyond.md, explained.md and choosing.md (STUDY="name …" for some)
-# make docs   builds the documentation site into out/docs, without a warning, every link checked (open out/docs/index.html)
-# make adapters builds and tests the clients whose tools are installed, and says which are not (adapters/README.md)
-# make mok    runs the Mok benchmark in Kratos with its own mesh solver and with the server, two minutes (adapters/kratos/README.md)
-# make flap   the perpendicular flap with OpenFOAM, CalculiX and the server against its published reference, six minutes
-# make turek  Turek and Hron's FSI3 on three meshes against the published figures, hours; goes on where it stopped (CASE=fsi2, SOLVER=kratos)
-# make docker builds the images and couples server, mock fluid and mock solid: out/docker; make docker-openfoam OpenFOAM and CalculiX
+# make demo        plays the thesis' cases, standard against corrected: a table and pictures in out/demo
+# make test        a core of every area's tests, three files at a time (JOBS=4 for more), in about six minutes
+# make test-all    all tests, as in CI, in half an hour; a test that fails runs once more, alone, and is reported as flaky if it then passes
+# make coverage    the tests of `make test`, and which lines they run in all processes: out/coverage
+# make manual      writes docs/man after a change of a command
+# make wheel       builds the distributions into dist, the wheel for every instruction set, and tries it in an empty environment
+# make lock        writes the newest exact versions and hashes of all packages (requirements/)
+# make release VERSION=x.y.z checks the requirements of a release, builds it twice, tries it, and prints the next steps
+# make lint        ruff and mypy, as CI does
+# make prove       shows in a few minutes that no committed step is lost and no wrong input accepted: out/prove/proof.json
+#                  (PROVE="--only soak" for some)
+# make prove-full  the same with many more repetitions, for a night
+# make sanitize    tests of the numerics on kernels that check every index, address, operation and race, an hour
+# make nightly     the parts that take hours and rarely fail: sanitizers, the demo without a compiler, prove-full
+# make peers       compares with OpenFOAM, Kratos and textbook RBF, as far as they are installed (benchmarks/README.md)
+# make bench       measures run times up to five million nodes, the correction, and every system that is installed: one page, twenty minutes
+# make bench-quick the most important of these figures, in three minutes
+# make track       measures figures of this commit with asv and shows all tracked commits: out/asv/html
+#                  (COMMITS="v1..main --steps 10" for others)
+# make studies     recomputes every table and figure of docs/thesis.md, beyond.md, explained.md and choosing.md (STUDY="name …" for some)
+# make docs        builds the documentation site into out/docs, without a warning, every link checked (open out/docs/index.html)
+# make adapters    builds and tests the clients whose tools are installed, and says which are not (adapters/README.md)
+# make mok         runs the Mok benchmark in Kratos with its own mesh solver and with the server, two minutes (adapters/kratos/README.md)
+# make flap        the perpendicular flap with OpenFOAM, CalculiX and the server against its published reference, six minutes
+# make turek       Turek and Hron's FSI3 on three meshes against the published figures, hours; continues where it stopped
+#                  (CASE=fsi2, SOLVER=kratos)
+# make docker      builds the images and couples server, mock fluid and mock solid: out/docker
+# make docker-openfoam  the same with OpenFOAM and CalculiX
 #
-# Each makes the virtual environment by itself. PYTHON=python3.12 chooses another interpreter (3.11 or newer), LOCKED=1 the versions
-# of requirements/dev.lock instead of the newest.
+# Each command makes the virtual environment itself. PYTHON=python3.12 chooses another interpreter (3.11 or newer), LOCKED=1 the
+# versions of requirements/dev.lock instead of the newest.
 
 PYTHON ?= python3
 VENV := .venv
@@ -44,7 +45,7 @@ unexport PYTHONDONTWRITEBYTECODE
 .PHONY: help demo test test-all test-fast coverage wheel release manual lock lint format prove prove-full drivers nightly sanitize sanitize-addresses sanitize-threads peers bench bench-quick track studies docs adapters mok flap turek docker docker-openfoam clean
 
 help:
-	@sed -n '1,29s/^# \{0,1\}//p' Makefile
+	@sed -n '1,31s/^# \{0,1\}//p' Makefile
 
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \

@@ -10,13 +10,7 @@ __all__ = ["is_missing"]
 
 
 def is_missing(path: Path) -> bool:
-    """Whether no entry has this name, not even a dangling link.
-
-    Raises
-    ------
-    OSError
-        If the disk gives no answer.
-    """
+    """Whether no entry has this name, not even a dangling link. Raises OSError if the disk gives no answer."""
     try:
         path.lstat()
     except FileNotFoundError:

@@ -57,10 +57,7 @@ class _Strict(BaseModel):
     def from_mapping(cls, values: Mapping[str, Any]) -> Self:
         """Check plain values, as they come from a case file or the wire.
 
-        Raises
-        ------
-        InvalidInput
-            INVALID_ARGUMENT.SETTINGS, naming the first offending key, its value and what was expected.
+        Raises InvalidInput: INVALID_ARGUMENT.SETTINGS, naming the first offending key, its value and what was expected.
         """
         try:
             return cls.model_validate(dict(values))
@@ -192,13 +189,7 @@ class ServerSettings(_Strict):
 
 
 def check_durability(level: str, offered: Sequence[str] = DURABILITY_LEVELS) -> str:
-    """The level in force: ``""`` asks for the default.
-
-    Raises
-    ------
-    InvalidInput
-        If the level is not offered.
-    """
+    """The level in force: ``""`` asks for the default. Raises InvalidInput if the level is not offered."""
     if level and level not in offered:
         raise InvalidInput(
             f"durability: {level!r} is not offered; offered are {', '.join(offered)}",
@@ -212,11 +203,8 @@ def check_durability(level: str, offered: Sequence[str] = DURABILITY_LEVELS) -> 
 def check_evaluation(evaluation: str, settings: MethodSettings, time_levels: str = "") -> None:
     """Check that the client can evaluate the motion, if it requests this.
 
-    Raises
-    ------
-    InvalidInput
-        INVALID_ARGUMENT.SETTINGS, naming the first setting that needs the volume; INVALID_ARGUMENT.VALUE if time levels
-        of its nodes are to be stored.
+    Raises InvalidInput: INVALID_ARGUMENT.SETTINGS, naming the first setting that needs the volume;
+    INVALID_ARGUMENT.VALUE if time levels of its nodes are to be stored.
     """
     if evaluation != "client":
         return

@@ -19,10 +19,7 @@ _LONG_INTEGER = "an integer of more than 64 bits"
 def read_toml(text: str) -> dict[str, Any]:
     """Return the tables of a text.
 
-    Raises
-    ------
-    tomllib.TOMLDecodeError
-        If it is no TOML, nested too deep to be read, or has an integer of more than 64 bits.
+    Raises tomllib.TOMLDecodeError if it is no TOML, nested too deep to be read, or has an integer of more than 64 bits.
     """
     if long := _LONG_KEY.search(text):
         raise tomllib.TOMLDecodeError(f"a key of more than {_MOST_PARTS} dotted parts{_place(long)}")

@@ -189,11 +189,8 @@ class Case:
     def read_mesh(self) -> MeshFile:
         """Read the mesh, without its free patches, and check that it matches the case.
 
-        Raises
-        ------
-        InvalidInput
-            As :func:`~mesh_motion_server.files.read_mesh`; for a patch without a role, a role for no patch, a
-            motion of a patch that does not move, and one whose vectors do not have the mesh's dimension.
+        Raises InvalidInput as :func:`~mesh_motion_server.files.read_mesh`; for a patch without a role, a role for no
+        patch, a motion of a patch that does not move, and one whose vectors do not have the mesh's dimension.
         """
         mesh = read_mesh(self.mesh_path, self.content.mesh.zone)
         roles = self.content.patches
@@ -226,10 +223,8 @@ def case_name(path: Path) -> str:
 def read_case(path: Path | str) -> Case:
     """Read and check a case file.
 
-    Raises
-    ------
-    InvalidInput
-        If the file is unreadable, no TOML or does not fit the format; names the first wrong key and what is expected.
+    Raises InvalidInput if the file is unreadable, no TOML or does not fit the format; names the first wrong key and
+    what is expected.
     """
     path = Path(path)
     try:
@@ -352,10 +347,7 @@ def toml_key(name: str) -> str:
 def toml_text(text: str) -> str:
     """A TOML string; other than printable characters are escaped: TOML refuses some, and terminals obey others.
 
-    Raises
-    ------
-    InvalidInput
-        For the name of a file that is not UTF-8.
+    Raises InvalidInput for the name of a file that is not UTF-8.
     """
     if any("\ud800" <= letter <= "\udfff" for letter in text):
         raise InvalidInput(f"{text!r} is not UTF-8, the encoding of case files", hint="give it another name")

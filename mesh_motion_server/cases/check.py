@@ -41,53 +41,30 @@ _KINDS = ("moving", "fixed", "sliding", "periodic")
 
 @dataclass(frozen=True)
 class CheckReport:
-    """The result of a check.
-
-    Attributes
-    ----------
-    roles : dict of str to str
-        Role of each patch; empty for a mesh without a case.
-    counts : dict of str to int
-        Numbers of moving, fixed and sliding nodes, and of nodes that are only periodic.
-    pairs : list of str
-        A text for each pair of periodic patches.
-    quality : dict of str to float
-        Minimum and mean skew of the mesh in the file.
-    support_radius : float or None
-        The support radius of the case, if it sets one.
-    suggested : Method
-        With the basis and the radii that are chosen if the case sets no support radius.
-    steps : int
-        Number of steps of the case's motion that were predicted and are accepted.
-    refused : str
-        Which step will be refused, why and where; empty if none is known.
-    """
+    """The result of a check."""
 
     path: Path
     mesh: MeshFile
-    roles: dict[str, str]
-    counts: dict[str, int]
-    pairs: list[str]
-    quality: dict[str, float]
-    support_radius: float | None
-    suggested: Method
+    roles: dict[str, str]  # role of each patch; empty for a mesh without a case
+    counts: dict[str, int]  # numbers of moving, fixed and sliding nodes, and of nodes that are only periodic
+    pairs: list[str]  # a text for each pair of periodic patches
+    quality: dict[str, float]  # minimum and mean skew of the mesh in the file
+    support_radius: float | None  # the support radius of the case, if it sets one
+    suggested: Method  # with the basis and the radii that are chosen if the case sets no support radius
     warnings: list[str]
-    steps: int = 0
-    refused: str = ""
+    steps: int = 0  # number of steps of the case's motion that were predicted and are accepted
+    refused: str = ""  # which step will be refused, why and where; empty if none is known
 
 
 def check(path: Path, zone: str = "", *, seconds: float = 0.0) -> CheckReport:
     """Check a case file, or a mesh file alone; ``zone`` selects one of several zones by its name or number.
 
+    Raises InvalidInput if the case cannot be played; names the first problem.
+
     Parameters
     ----------
     seconds : float
         About how long to predict the case's motion, step by step.
-
-    Raises
-    ------
-    InvalidInput
-        If the case cannot be played; names the first problem.
     """
     if is_mesh(path) or path.suffix.lower() not in (".toml", ""):
         return _report(path, read_mesh(path, zone), None)

@@ -22,29 +22,16 @@ __all__ = ["Agreement", "Comparison", "Replayed", "table_of", "write_comparison"
 
 @dataclass(frozen=True, eq=False)
 class Replayed:
-    """A replay.
+    """A replay."""
 
-    Attributes
-    ----------
-    changes : dict
-        The settings that differ from the recorded session.
-    columns : dict of str to (s,) arrays
-        The computed steps, from step 1 on, as in :class:`Series`; quality is size-skew.
-    digests : dict of int to bytes
-        Digests of the states.
-    refusal : str
-        Why it ended before the last step; empty if it reached the last step.
-    stored : (n, d) array or None
-        Coordinates of the replay at the step for which the session has stored coordinates.
-    velocity : (n, d) array or None
-        Velocities there, as :class:`.Recorded` has them; mesh length unit per second.
-    """
-
-    changes: dict[str, Any]
+    changes: dict[str, Any]  # the settings that differ from the recorded session
+    #: (s,) each. The computed steps, from step 1 on, as in :class:`Series`; quality is size-skew.
     columns: Columns
-    digests: dict[int, bytes]
-    refusal: str
+    digests: dict[int, bytes]  # digests of the states
+    refusal: str  # why it ended before the last step; empty if it reached the last step
+    #: (n, d). Coordinates of the replay at the step for which the session has stored coordinates.
     stored: Floats | None
+    #: (n, d). Velocities there, as :class:`.Recorded` has them; mesh length unit per second.
     velocity: Floats | None = None
 
     @property
@@ -55,34 +42,19 @@ class Replayed:
 
 @dataclass(frozen=True)
 class Agreement:
-    """Whether a replay reached the recorded states.
+    """Whether a replay reached the recorded states."""
 
-    Attributes
-    ----------
-    steps : int
-        Number of steps requested.
-    compared, equal : int
-        Numbers of steps with a known digest, and of those with an equal digest.
-    first_difference : int
-        The first step that differs; 0: none.
-    recorded_min, replayed_min : float
-        Lowest size-skew at the first step that differs; NaN if not known.
-    stored_step : int
-        The step whose coordinates were compared; 0: none.
-    distance : float or None
-        Largest distance between nodes of the two states at the stored step, mesh length unit.
-    velocity_distance : float or None
-        Largest difference of a node's velocities there, mesh length unit per second; None without time levels.
-    """
-
-    steps: int
+    steps: int  # number of steps requested
+    #: compared, equal: numbers of steps with a known digest, and of those with an equal digest
     compared: int
     equal: int
-    first_difference: int
+    first_difference: int  # the first step that differs; 0: none
+    #: recorded_min, replayed_min: lowest size-skew at the first step that differs; NaN if not known
     recorded_min: float
     replayed_min: float
-    stored_step: int
-    distance: float | None
+    stored_step: int  # the step whose coordinates were compared; 0: none
+    distance: float | None  # largest distance between nodes of the two states at the stored step, mesh length unit
+    #: Largest difference of a node's velocities there, mesh length unit per second; None without time levels.
     velocity_distance: float | None
 
     @property
@@ -111,20 +83,12 @@ class Agreement:
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """A recorded session and its replay.
-
-    Attributes
-    ----------
-    last : int
-        The last requested step.
-    elsewhere : bool
-        Whether a running server made the replay; its version and machine may differ.
-    """
+    """A recorded session and its replay."""
 
     recorded: Recorded
-    last: int
+    last: int  # the last requested step
     run: Replayed
-    elsewhere: bool = False
+    elsewhere: bool = False  # whether a running server made the replay; its version and machine may differ
 
     @cached_property
     def recorded_steps(self) -> Columns:

@@ -54,10 +54,7 @@ _STAYS = (
 def guessed_roles(mesh: MeshFile) -> dict[str, tuple[str, str]]:
     """Guess a role for each patch, with the reason; at least one patch moves.
 
-    Raises
-    ------
-    InvalidInput
-        For a mesh without patches.
+    Raises InvalidInput for a mesh without patches.
     """
     return _roles(mesh, *_layer(mesh), _facets_of(mesh))
 
@@ -103,7 +100,7 @@ def _roles(
 
 
 def _impossible(mesh: MeshFile, roles: Mapping[str, tuple[str, str]], facets: _Facets) -> dict[str, tuple[str, str]]:
-    """Other roles for periodic patches that no other one continues, and for curved symmetry planes."""
+    """Other roles for periodic patches without a partner, and for curved symmetry planes."""
     named = {kind: [name for name, (role, _) in roles.items() if role == kind] for kind in ("periodic", "symmetry")}
     found: dict[str, tuple[str, str]] = {}
     for name in named["symmetry"]:
@@ -182,10 +179,7 @@ def _inside(points: Floats, low: Floats, high: Floats) -> Marks:
 def draft(mesh: MeshFile, folder: Path, zone: str = "") -> str:
     """The text of a case file in ``folder`` that moves the guessed patches a little.
 
-    Raises
-    ------
-    InvalidInput
-        For a mesh without patches.
+    Raises InvalidInput for a mesh without patches.
     """
     sides, layer = _layer(mesh)
     facets = _facets_of(mesh)

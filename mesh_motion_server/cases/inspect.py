@@ -19,30 +19,17 @@ __all__ = ["Found", "inspect_folder", "inspect_step", "list_sessions"]
 
 @dataclass(frozen=True)
 class Found:
-    """The result of an inspection.
+    """The result of an inspection."""
 
-    Attributes
-    ----------
-    values : dict
-        Plain values, for programs.
-    table : rich.console.RenderableType
-        The same as a table to print.
-    damaged : list of str
-        Sessions whose files do not verify.
-    """
-
-    values: dict[str, Any]
-    table: RenderableType
-    damaged: list[str]
+    values: dict[str, Any]  # plain values, for programs
+    table: RenderableType  # the same as a table to print
+    damaged: list[str]  # sessions whose files do not verify
 
 
 def list_sessions(endpoint: str, timeout: float, keys: Keys | None = None) -> Found:
     """List the sessions of a running server.
 
-    Raises
-    ------
-    mesh_motion_client.MeshMotionError
-        If no server answers within ``timeout`` seconds.
+    Raises mesh_motion_client.MeshMotionError if no server answers within ``timeout`` seconds.
     """
     with connect(endpoint, timeout=timeout, keys=keys) as server:
         sessions, name = server.sessions(), server.welcome.server
@@ -57,10 +44,7 @@ def list_sessions(endpoint: str, timeout: float, keys: Keys | None = None) -> Fo
 def inspect_folder(folder: Path) -> Found:
     """Describe the session in a folder, or all sessions of a state folder.
 
-    Raises
-    ------
-    InvalidInput
-        If there is no such folder, or neither a session nor a state folder in it.
+    Raises InvalidInput if there is no such folder, or neither a session nor a state folder in it.
     """
     if is_session_folder(folder):
         inspection, history = inspect_session(folder), digest_of_history(folder)
@@ -80,10 +64,7 @@ def inspect_folder(folder: Path) -> Found:
 def inspect_step(folder: Path, step: int) -> Found:
     """Describe the events of a step of the session in a folder. Only the history is read; nothing is verified.
 
-    Raises
-    ------
-    InvalidInput
-        If the folder is not a session folder, or the step is not recorded.
+    Raises InvalidInput if the folder is not a session folder, or the step is not recorded.
     """
     if not (folder / SPEC).is_file():
         raise InvalidInput(f"{folder}: not a session's folder", hint="give a folder below STATE FOLDER/sessions")

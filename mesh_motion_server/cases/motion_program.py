@@ -113,34 +113,20 @@ class _PatchMotion:
 
 @dataclass(frozen=True, eq=False)
 class MotionProgram:
-    """The motion of all moving nodes of a case.
+    """The motion of all moving nodes of a case."""
 
-    Attributes
-    ----------
-    nodes : (k,) int64 array
-        The nodes of all moving patches, ascending, each once.
-    count : int
-        Number of steps.
-    patches : tuple
-        One entry for each moving patch, in the order of the case file.
-    extent : float
-        Longest side of the mesh's bounding box, mesh length unit.
-    """
-
-    nodes: Integers
+    nodes: Integers  # (k,). The nodes of all moving patches, ascending, each once
     dimension: int
-    count: int
-    patches: tuple[_PatchMotion, ...]
-    extent: float
+    count: int  # number of steps
+    patches: tuple[_PatchMotion, ...]  # one entry for each moving patch, in the order of the case file
+    extent: float  # longest side of the mesh's bounding box, mesh length unit
 
     @classmethod
     def of(cls, case: Case, mesh: MeshFile) -> MotionProgram:
         """Prepare the program of a case on its mesh.
 
-        Raises
-        ------
-        InvalidInput
-            If a table does not fit its patch or the number of steps, or two patches disagree about a node.
+        Raises InvalidInput if a table does not fit its patch or the number of steps, or two patches disagree about a
+        node.
         """
         moving = [name for name, role in case.roles.items() if role == "moving"]
         nodes = np.unique(np.concatenate([mesh.patches[name] for name in moving]))

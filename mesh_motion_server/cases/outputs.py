@@ -49,10 +49,7 @@ RESULTS = (
 def run_folder(folder: Path) -> Iterator[None]:
     """Make a folder that receives results during the block; it is removed if an error leaves nothing to keep.
 
-    Raises
-    ------
-    ResourceExhausted
-        If the folder cannot be made or written.
+    Raises ResourceExhausted if the folder cannot be made or written.
     """
     made = not folder.exists()
     remove_results(folder)
@@ -73,10 +70,7 @@ def run_folder(folder: Path) -> Iterator[None]:
 def remove_results(folder: Path) -> None:
     """Remove the results of an earlier run, and nothing else.
 
-    Raises
-    ------
-    ResourceExhausted
-        If the folder cannot be written.
+    Raises ResourceExhausted if the folder cannot be written.
     """
     try:
         for pattern in RESULTS:

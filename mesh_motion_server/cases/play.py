@@ -43,25 +43,14 @@ _RELAXATION = 0.5
 
 @dataclass(frozen=True, eq=False)
 class Played:
-    """A case that was played to its end.
-
-    Attributes
-    ----------
-    points : (n, d) array
-        Final coordinates.
-    warnings : list of str
-        Warnings of the server and of the writers, each once, in the order of first appearance.
-    summary : dict
-        The content of summary.json.
-    before, worst : Snapshot
-        The mesh at opening, and after the step that left the lowest minimum size-skew.
-    """
+    """A case that was played to its end."""
 
     mesh: MeshFile
-    points: Floats
+    points: Floats  # (n, d). Final coordinates
     steps: list[StepRecord]
-    warnings: list[str]
-    summary: dict[str, Any]
+    warnings: list[str]  # warnings of the server and of the writers, each once, in the order of first appearance
+    summary: dict[str, Any]  # the content of summary.json
+    #: before, worst: the mesh at opening, and after the step that left the lowest minimum size-skew
     before: Snapshot
     worst: Snapshot
 
@@ -77,6 +66,10 @@ def play(
 ) -> Played:
     """Play a case and write its results after each step.
 
+    Raises InvalidInput if the case, its mesh or its tables do not fit. Raises MeshMotionError if the server refuses a
+    step. The folder then has the results of the steps before it, ``accepted.npy`` instead of ``points.npy``, and the
+    refused mesh in ``refused.vtu`` and ``quality.png``.
+
     Parameters
     ----------
     folder : path
@@ -89,14 +82,6 @@ def play(
         Called with the steps done, the number of steps and the record of the step just done.
     keys : Keys, optional
         Keys for a server that requires them.
-
-    Raises
-    ------
-    InvalidInput
-        If the case, its mesh or its tables do not fit.
-    MeshMotionError
-        If the server refuses a step. The folder then has the results of the steps before it, ``accepted.npy`` instead
-        of ``points.npy``, and the refused mesh in ``refused.vtu`` and ``quality.png``.
     """
     if folder.is_dir() and case_file.is_file():  # an error for a misspelt name must not remove earlier results
         remove_results(folder)

@@ -40,13 +40,7 @@ class Prediction:
         return self.reference[self.program.nodes] + self.program.displacement(step)
 
     def steps(self) -> Iterator[Motion]:
-        """Yield the motion of each step, starting from the step before.
-
-        Raises
-        ------
-        QualityRefused
-            If a step is refused.
-        """
+        """Yield the motion of each step, starting from the step before. Raises QualityRefused if a step is refused."""
         committed, model = self.reference, self.model.without_distributions()
         for step in range(1, self.program.count + 1):
             motion = model.move(committed, self.targets(step))
@@ -56,10 +50,7 @@ class Prediction:
     def trial(self, committed: Floats, step: int) -> Floats:
         """The mesh (n, d) after one step, even if it is invalid; without a correction if none succeeds.
 
-        Raises
-        ------
-        MeshMotionError
-            If no mesh can be computed.
+        Raises MeshMotionError if no mesh can be computed.
         """
         kept = self.model.with_method(allow_invalid=True, refuse_below_threshold=False, sub_steps="never")
         targets = self.targets(step)

@@ -24,36 +24,24 @@ __all__ = ["Recorded", "difference_velocity", "read_recorded"]
 
 @dataclass(frozen=True, eq=False)
 class Recorded:
-    """The data of a stored session for a replay.
-
-    Attributes
-    ----------
-    mesh : UploadView
-        Nodes ascending by global id, as one partition.
-    columns : dict of str to (s,) arrays
-        The committed steps whose events still exist, as in :class:`Series`; their quality is size-skew.
-    digests : dict of int to bytes
-        Of their states.
-    makers : list of (int, str)
-        First step, and the versions and processor that computed the steps from there on; an empty text if unknown.
-    notes : list of str
-        The parts that cannot be replayed, with the reasons.
-    stored : (int, (n, d) array) or None
-        The step whose coordinates are stored, and the coordinates; mesh length unit.
-    velocity : (n, d) array or None
-        Velocities at that step, mesh length unit per second: those of "bossak", or the difference of the last two
-        levels of "bdf2".
-    """
+    """The data of a stored session for a replay."""
 
     folder: Path
     spec: StoredSpec
-    mesh: UploadView
+    mesh: UploadView  # nodes ascending by global id, as one partition
     log: BoundaryLog
+    #: (s,) each. The committed steps whose events still exist, as in :class:`Series`; their quality is
+    #: size-skew.
     columns: Columns
-    digests: dict[int, bytes]
+    digests: dict[int, bytes]  # of their states
+    #: list of (int, str). First step, and the versions and processor that computed the steps from there on; an empty
+    #: text if unknown.
     makers: list[tuple[int, str]]
-    notes: list[str]
+    notes: list[str]  # the parts that cannot be replayed, with the reasons
+    #: (int, (n, d) array) or None. The step whose coordinates are stored, and the coordinates; mesh length unit.
     stored: tuple[int, Floats] | None
+    #: (n, d). Velocities at that step, mesh length unit per second: those of "bossak", or the difference
+    #: of the last two levels of "bdf2".
     velocity: Floats | None
 
     def digest(self, step: int) -> bytes:
@@ -66,12 +54,8 @@ class Recorded:
 def read_recorded(folder: Path) -> Recorded:
     """Read a session's folder or a copy of it, without changing it.
 
-    Raises
-    ------
-    InvalidInput
-        If the boundary motion is not recorded from step 1 on, or the cells are with the client.
-    DataLoss
-        If the folder is not a session folder, or the data for a replay does not verify.
+    Raises InvalidInput if the boundary motion is not recorded from step 1 on, or the cells are with the client. Raises
+    DataLoss if the folder is not a session folder, or the data for a replay does not verify.
     """
     spec = StoredSpec.from_bytes(spec_bytes(folder))
     spec.require_cells()

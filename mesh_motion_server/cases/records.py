@@ -25,37 +25,11 @@ _NEAR = 3.0  # largest number of steps until the end that is reported
 
 @dataclass(frozen=True, kw_only=True)
 class StepRecord:
-    """One committed step; the fields are the keys of summary.json's ``steps``, the plain ones columns of steps.csv.
-
-    Attributes
-    ----------
-    min_size, min_skew, min_size_skew, mean_size_skew, min_relative_size_skew, mean_relative_size_skew : float
-        Quality of the mesh after the step, from its coordinates; size and relative skew refer to the mesh at opening.
-    predicted_min : float
-        The server's prediction of the case's quality metric for its motion, before any node moved.
-    predicted_standard : float
-        Its prediction for the plain motion, without correction.
-    enrichment_points, freed_nodes : int
-        Numbers that the correction used.
-    iterations : int
-        Coupling iterations.
-    boundary_error : float
-        Largest distance between a moving or fixed node and its prescribed position, mesh length unit.
-    seconds : float
-        Wall time of the step in the driver: all iterations, the wire and the commit.
-    seconds_solve, seconds_predict, seconds_correct, seconds_displace : float
-        Time of the server's phases, summed over all iterations.
-    sub_steps : int
-        Number of sub-steps that the server used in the last iteration; 1 for a single step.
-    headroom_threshold, headroom_inversion : float or None
-        Number of such steps after this one until the threshold, and until a cell inverts; None: more than 100.
-    faces : dict of str to dict
-        Face quality for finite-volume codes, ``before`` (the mesh at opening) and ``after`` the step:
-        :data:`~.faces.FACES` and the worst face. The last columns of steps.csv are the values after the step.
-        Empty in one dimension.
-    """
+    """One committed step; the fields are the keys of summary.json's ``steps``, the plain ones columns of steps.csv."""
 
     step: int
+    #: min_size, min_skew, min_size_skew, mean_size_skew, min_relative_size_skew, mean_relative_size_skew: quality of
+    #: the mesh after the step, from its coordinates; size and relative skew refer to the mesh at opening
     min_size: float
     min_skew: float
     min_size_skew: float
@@ -63,20 +37,29 @@ class StepRecord:
     min_relative_size_skew: float
     mean_relative_size_skew: float
     inverted_cells: int
-    predicted_min: float
-    predicted_standard: float
+    predicted_min: float  # the server's prediction of the case's quality metric for its motion, before any node moved
+    predicted_standard: float  # its prediction for the plain motion, without correction
+    #: enrichment_points, freed_nodes: numbers that the correction used
     enrichment_points: int
     freed_nodes: int
-    iterations: int
+    iterations: int  # coupling iterations
+    #: Largest distance between a moving or fixed node and its prescribed position, mesh length unit.
     boundary_error: float
-    seconds: float
+    seconds: float  # wall time of the step in the driver: all iterations, the wire and the commit
+    #: seconds_solve, seconds_predict, seconds_correct, seconds_displace: time of the server's phases, summed over all
+    #: iterations
     seconds_solve: float
     seconds_predict: float
     seconds_correct: float
     seconds_displace: float
-    sub_steps: int = 1
+    sub_steps: int = 1  # number of sub-steps that the server used in the last iteration; 1 for a single step
+    #: headroom_threshold, headroom_inversion: number of such steps after this one until the threshold, and until a cell
+    #: inverts; None: more than 100
     headroom_threshold: float | None = None
     headroom_inversion: float | None = None
+    #: Face quality for finite-volume codes, ``before`` (the mesh at opening) and ``after`` the step:
+    #: :data:`~.faces.FACES` and the worst face. The last columns of steps.csv are the values after the step. Empty in
+    #: one dimension.
     faces: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
     @classmethod

@@ -56,6 +56,9 @@ def replay(
 ) -> Comparison:
     """Replay a stored session and compare the replay with it.
 
+    Raises InvalidInput if there is nothing to replay, or a setting is wrong. Raises DataLoss if the folder is not a
+    session folder, or does not verify. Raises MeshMotionError if no server is available.
+
     Parameters
     ----------
     session_folder : Path
@@ -68,15 +71,6 @@ def replay(
         The last step; by default the last step with a recorded boundary.
     endpoint, keys, every, progress
         The same as in :func:`~mesh_motion_server.cases.play.play`.
-
-    Raises
-    ------
-    InvalidInput
-        If there is nothing to replay, or a setting is wrong.
-    DataLoss
-        If the folder is not a session folder, or does not verify.
-    MeshMotionError
-        If no server is available.
     """
     recorded = read_recorded(session_folder)
     last, settings = _last_step(recorded, until), _changed(recorded, changes)

@@ -19,32 +19,18 @@ _NAMED_CELLS = 3
 
 @dataclass(frozen=True)
 class Story:
-    """The events of a step.
-
-    Attributes
-    ----------
-    outcome : {"committed", "lost", "open"}
-        Lost: a crash reset the session to an earlier step (durability ``relaxed``), and the step was not begun again.
-    lines : list of str
-        All events as text, in time order.
-    events : list of dict
-        As recorded.
-    """
+    """The events of a step."""
 
     step: int
+    #: {"committed", "lost", "open"}. Lost: a crash reset the session to an earlier step (durability ``relaxed``), and
+    #: the step was not begun again.
     outcome: str
-    lines: list[str]
-    events: list[Event]
+    lines: list[str]  # all events as text, in time order
+    events: list[Event]  # as recorded
 
 
 def story_of_step(session_folder: Path, step: int) -> Story:
-    """Return the story of a recorded step.
-
-    Raises
-    ------
-    InvalidInput
-        If the step is not recorded.
-    """
+    """Return the story of a recorded step. Raises InvalidInput if the step is not recorded."""
     events = events_of_step(session_folder, step)
     outcome = _outcome(events, step)
     lines = [_headline(events, step, outcome), ""]

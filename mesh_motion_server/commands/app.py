@@ -50,7 +50,7 @@ app.command(short_help="Draw runs and meshes for a paper.")(plot)
 app.command(short_help="Write a mesh in another format.")(convert)
 app.command(short_help="Check a server or a client against SPEC.md.")(conform)
 app.command(short_help="Play the thesis' cases and a flag.")(demo)
-app.add_typer(keys_app, name="keys")
+app.add_typer(keys_app, name="keys", short_help="Make keys, and admit clients to a server.")
 
 
 def _print_version(asked: bool) -> None:

@@ -23,10 +23,7 @@ __all__ = ["changes_of", "print_comparison"]
 def print_comparison(comparison: Comparison, *, quiet: bool) -> None:
     """Print the table and the notes of the comparison.
 
-    Raises
-    ------
-    typer.Exit
-        With status 1 if nothing was changed but the states differ.
+    Raises typer.Exit with status 1 if nothing was changed but the states differ.
     """
     from mesh_motion_server.cases.comparison import table_of
     from mesh_motion_server.watch.terminal.console import console
@@ -43,10 +40,7 @@ def print_comparison(comparison: Comparison, *, quiet: bool) -> None:
 def changes_of(assignments: Sequence[str]) -> dict[str, Any]:
     """Settings by key; values in TOML's form, or words without quotes.
 
-    Raises
-    ------
-    InvalidInput
-        If there is no ``=``, or no key before it.
+    Raises InvalidInput if there is no ``=``, or no key before it.
     """
     changes: dict[str, Any] = {}
     for text in assignments:

@@ -18,14 +18,21 @@ __all__ = ["serve"]
 
 def serve(
     endpoint: Annotated[
-        str | None, typer.Option(metavar="ENDPOINT", help="tcp://HOST:PORT (0: any free port) or ipc:///PATH.")
+        str | None,
+        typer.Option(
+            metavar="ENDPOINT",
+            help="tcp://HOST:PORT (0: any free port) or ipc:///PATH; by default tcp://127.0.0.1:7440.",
+        ),
     ] = None,
-    state: Annotated[Path | None, typer.Option(metavar="DIR", help="Folder for the stored sessions.")] = None,
+    state: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Folder for the stored sessions; by default ~/.local/state/mesh-motion."),
+    ] = None,
     keys: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Key folder: admit only the keys in DIR/allow.toml.")
     ] = None,
     insecure: Annotated[
-        bool, typer.Option(help="Listen on addresses that other machines reach, without protection.")
+        bool, typer.Option("--insecure", help="Listen on addresses that other machines reach, without protection.")
     ] = False,
     metrics: Annotated[
         str | None, typer.Option(metavar="HOST:PORT", help="Serve metrics for Prometheus and health probes over HTTP.")
@@ -36,7 +43,9 @@ def serve(
     ready_file: Annotated[
         Path | None, typer.Option(metavar="FILE", help="File to write when clients may connect.")
     ] = None,
-    threads: Annotated[int | None, typer.Option(metavar="N", help="Threads of each worker; 0: one per core.")] = None,
+    threads: Annotated[
+        int | None, typer.Option(metavar="N", help="Threads of each worker; 0, the default: one per core.")
+    ] = None,
     settings_file: Annotated[
         Path | None, typer.Option("--settings", metavar="FILE.toml", help="File with all other settings and limits.")
     ] = None,

@@ -14,37 +14,20 @@ HEAD_BYTES = 4096
 
 @dataclass(frozen=True, eq=False)
 class Format:
-    """A row of the table of formats.
+    """A row of the table of formats."""
 
-    Attributes
-    ----------
-    name : str
-        Name in messages: "a Gmsh mesh".
-    suffixes : tuple of str
-        Usual endings of its files, lower case; empty for folders.
-    head : regular expression
-        Matches in the first :data:`HEAD_BYTES` bytes of every file of this format; for a folder in the names of its
-        files, one on each line.
-    read : function (path) or (path, zone)
-        Reads the file.
-    zoned : bool
-        Whether ``read`` and ``move`` take a zone.
-    move : function (source, target, points) or (source, target, points, zone), optional
-        Writes a copy of ``source`` in which the nodes have the coordinates ``points`` (n, d), as read by ``read``.
-    folder : bool
-        Whether it is a folder of files.
-    way_in : str
-        For a format that is not read: how to convert its files.
-    """
-
-    name: str
-    suffixes: tuple[str, ...]
+    name: str  # name in messages: "a Gmsh mesh"
+    suffixes: tuple[str, ...]  # usual endings of its files, lower case; empty for folders
+    #: Matches in the first :data:`HEAD_BYTES` bytes of every file of this format; for a folder in the names of its
+    #: files, one on each line.
     head: re.Pattern[bytes]
-    read: Callable[..., MeshFile] | None = None
-    zoned: bool = False
+    read: Callable[..., MeshFile] | None = None  # function (path) or (path, zone). Reads the file
+    zoned: bool = False  # whether ``read`` and ``move`` take a zone
+    #: function (source, target, points) or (source, target, points, zone). Writes a copy of ``source`` in
+    #: which the nodes have the coordinates ``points`` (n, d), as read by ``read``.
     move: Callable[..., None] | None = None
-    folder: bool = False
-    way_in: str = ""
+    folder: bool = False  # whether it is a folder of files
+    way_in: str = ""  # for a format that is not read: how to convert its files
 
     def fits(self, head: bytes) -> bool:
         """Whether a file with this beginning is of this format."""

@@ -18,10 +18,7 @@ __all__ = ["array_of", "opened_hdf5", "whole_of"]
 def opened_hdf5(path: Path, what: str) -> Iterator[Any]:
     """Open the file for reading.
 
-    Raises
-    ------
-    InvalidInput
-        If it is no HDF5 file, or if reading in the block fails because something is missing or damaged.
+    Raises InvalidInput if it is no HDF5 file, or if reading in the block fails because something is missing or damaged.
     """
     h5py = load_h5py(path)
     try:
@@ -34,10 +31,7 @@ def opened_hdf5(path: Path, what: str) -> Iterator[Any]:
 def array_of(path: Path, data: Any, kinds: str) -> NDArray[Any]:
     """Return the values of a data set as float64 ("f") or int64 ("iu").
 
-    Raises
-    ------
-    InvalidInput
-        If its numbers are of another kind, or if it would fill the memory.
+    Raises InvalidInput if its numbers are of another kind, or if it would fill the memory.
     """
     if not hasattr(data, "dtype") or data.dtype.kind not in kinds:
         got = getattr(data, "dtype", "a group")
@@ -46,12 +40,6 @@ def array_of(path: Path, data: Any, kinds: str) -> NDArray[Any]:
 
 
 def whole_of(path: Path, data: Any) -> NDArray[Any]:
-    """Return the values of a data set of any type.
-
-    Raises
-    ------
-    InvalidInput
-        If it would fill the memory.
-    """
+    """Return the values of a data set of any type. Raises InvalidInput if it would fill the memory."""
     check_unpacked(path, data.id.get_storage_size(), data.nbytes)
     return np.asarray(data[()])

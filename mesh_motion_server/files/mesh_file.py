@@ -35,35 +35,18 @@ _KINDS = ("point", "curve", "surface", "volume")
 
 @dataclass(frozen=True, eq=False)
 class MeshFile:
-    """A volume mesh with its boundary patches.
+    """A volume mesh with its boundary patches."""
 
-    Attributes
-    ----------
-    points : (n, d) float64 array, mesh length unit
-        Finite; d is the dimension of the cells; the file's node order.
-    cells : dict of str to (m, k) int64 arrays
-        Cells of each type of :data:`.cells.CELL_TYPES`, all of dimension d, none empty.
-    patches : dict of str to (p,) int64 arrays
-        Node ids of each patch, ascending, each once.
-    path : Path
-        The file that it was read from.
-    marked : dict of str to str
-        The role of each patch that the file marks: one side of a periodic pair, or a symmetry plane or axis.
-    zone : str
-        The zone of the file; "" in formats without zones.
-    notes : tuple of str
-        One line for each thing that the reader left out or named.
-    global_ids : (n,) int64 array or None
-        For a partition: the nodes' numbers in the whole mesh.
-    """
-
-    points: Floats
+    points: Floats  # (n, d), mesh length unit. Finite; d is the dimension of the cells; the file's node order
+    #: (m, k) each. Cells of each type of :data:`.cells.CELL_TYPES`, all of dimension d, none empty.
     cells: dict[str, Integers]
-    patches: dict[str, Integers]
-    path: Path
+    patches: dict[str, Integers]  # (p,) each. Node ids of each patch, ascending, each once
+    path: Path  # the file that it was read from
+    #: The role of each patch that the file marks: one side of a periodic pair, or a symmetry plane or axis.
     marked: Mapping[str, str] = field(default_factory=dict)
-    zone: str = ""
-    notes: tuple[str, ...] = ()
+    zone: str = ""  # the zone of the file; "" in formats without zones
+    notes: tuple[str, ...] = ()  # one line for each thing that the reader left out or named
+    #: (n,). For a partition: the nodes' numbers in the whole mesh.
     global_ids: Integers | None = None
 
     @property
@@ -91,12 +74,8 @@ class MeshFile:
 def assemble(path: Path, points: Floats, cells: Mapping[str, Integers], patches: Mapping[str, Integers]) -> MeshFile:
     """Make a mesh from the content of a foreign file: cells of all dimensions, always three coordinates.
 
-    The mesh has the cells of the highest dimension. Coordinates beyond it must be constant; they are dropped.
-
-    Raises
-    ------
-    InvalidInput
-        Without cells, if coordinates beyond the cells' dimension vary, and as :class:`MeshFile` does.
+    The mesh has the cells of the highest dimension. Coordinates beyond it must be constant; they are dropped. Raises
+    InvalidInput without cells, if coordinates beyond the cells' dimension vary, and as :class:`MeshFile` does.
     """
     used = {name: np.asarray(nodes, dtype=np.int64) for name, nodes in cells.items() if len(nodes)}
     if not used:
@@ -192,10 +171,7 @@ def named_groups(found: Mapping[tuple[int, int | str], Integers]) -> dict[str, l
 def chosen_zone(path: Path, names: Sequence[str], zone: str) -> str:
     """The requested zone of a file, by its name or its number from 1; "" selects a single zone.
 
-    Raises
-    ------
-    InvalidInput
-        If there is no such zone; names the zones of the file.
+    Raises InvalidInput if there is no such zone; names the zones of the file.
     """
     if not zone and len(names) == 1:
         return names[0]

@@ -36,24 +36,15 @@ def companions(target: Path) -> str:
 
 @dataclass(frozen=True)
 class Place:
-    """The place of the coordinates of the next ``count`` nodes in a file.
-
-    Attributes
-    ----------
-    first, stride : int
-        The place of the first node's x, and the distance to the next node's x: in bytes of the file, or in numbers of
-        its text.
-    dtype : str
-        Type of a binary coordinate.
-    text : tuple of int
-        Begin and end of the text, if it is text.
-    """
+    """The place of the coordinates of the next ``count`` nodes in a file."""
 
     count: int
+    #: first, stride: the place of the first node's x, and the distance to the next node's x: in bytes of the file, or
+    #: in numbers of its text
     first: int
     stride: int
-    dtype: str = ""
-    text: tuple[int, int] = (0, 0)
+    dtype: str = ""  # type of a binary coordinate
+    text: tuple[int, int] = (0, 0)  # begin and end of the text, if it is text
 
 
 def replaced(data: bytes, places: list[Place], points: Floats) -> bytes:
@@ -101,6 +92,8 @@ def edit_lines(source: Path, target: Path, change: Callable[[list[bytes]], None]
 def move_rows(lines: list[bytes], first: int, points: Floats, *, column: int = 0, comment: bytes = b"") -> int:
     """Replace the coordinates in the rows from line ``first`` on, one for each node; the line after the last one.
 
+    Raises InvalidInput if a row has fewer numbers, or there are fewer rows.
+
     Parameters
     ----------
     points : (n, d) array
@@ -108,11 +101,6 @@ def move_rows(lines: list[bytes], first: int, points: Floats, *, column: int = 0
         changed.
     comment : bytes
         Lines that begin so are no rows; nor are blank ones.
-
-    Raises
-    ------
-    InvalidInput
-        If a row has fewer numbers, or there are fewer rows.
     """
     place = first
     for node, values in enumerate(points.tolist()):

@@ -33,10 +33,7 @@ _IDS = "global_ids"
 def read_npz(path: Path) -> MeshFile:
     """Read a mesh from ``.npz``.
 
-    Raises
-    ------
-    InvalidInput
-        If the file is not such an archive, or has other keys or arrays of another kind or shape.
+    Raises InvalidInput if the file is not such an archive, or has other keys or arrays of another kind or shape.
     """
     arrays = read_archive(path)
     unknown = [key for key in arrays if key not in ("points", _IDS) and not key.startswith(("cells_", "patch_"))]
@@ -69,10 +66,7 @@ def write_npz(path: Path | str, mesh: MeshFile) -> None:
 def read_points(path: Path, shape: tuple[int, ...]) -> Floats:
     """Read coordinates from a ``.npy`` file, such as ``points.npy`` of a run.
 
-    Raises
-    ------
-    InvalidInput
-        If it is not such a file, or if its content is not finite numbers of this shape.
+    Raises InvalidInput if it is not such a file, or if its content is not finite numbers of this shape.
     """
     try:
         with path.open("rb") as file:
@@ -90,10 +84,7 @@ def read_points(path: Path, shape: tuple[int, ...]) -> Floats:
 def read_archive(path: Path) -> dict[str, NDArray[np.generic]]:
     """Read all arrays of a ``.npz`` file without unpickling.
 
-    Raises
-    ------
-    InvalidInput
-        If it is not an archive of plain arrays.
+    Raises InvalidInput if it is not an archive of plain arrays.
     """
     try:
         with path.open("rb") as file:

@@ -20,13 +20,7 @@ class NumberedRows:
 
     @classmethod
     def of(cls, numbers: Integers, **more: str) -> NumberedRows:
-        """Build the table from the numbers (n,) of all nodes.
-
-        Raises
-        ------
-        ValueError
-            If a number occurs twice.
-        """
+        """Build the table from the numbers (n,) of all nodes. Raises ValueError if a number occurs twice."""
         order = np.argsort(numbers, kind="stable")
         ascending = numbers[order]
         if len(twice := ascending[1:][np.diff(ascending) == 0]):
@@ -34,13 +28,7 @@ class NumberedRows:
         return cls(ascending, order, **more)
 
     def __call__(self, named: Integers, what: str = "node") -> Integers:
-        """Return the rows of the numbers ``named``, in their shape.
-
-        Raises
-        ------
-        ValueError
-            If a number does not exist.
-        """
+        """Return the rows of the numbers ``named``, in their shape. Raises ValueError if a number does not exist."""
         places = np.searchsorted(self.numbers, named)
         known = places < len(self.numbers)
         known[known] = self.numbers[places[known]] == named[known]

@@ -34,10 +34,7 @@ def most_unpacked(packed: int) -> int:
 def check_unpacked(path: Path, packed: int, unpacked: int) -> None:
     """Refuse a file that is made to fill the memory.
 
-    Raises
-    ------
-    InvalidInput
-        If ``unpacked`` bytes are more than a mesh in a file of ``packed`` bytes can have.
+    Raises InvalidInput if ``unpacked`` bytes are more than a mesh in a file of ``packed`` bytes can have.
     """
     if unpacked > most_unpacked(packed):
         raise InvalidInput(

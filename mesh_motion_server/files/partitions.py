@@ -25,12 +25,8 @@ def partitions(mesh: MeshFile, count: int) -> Iterator[MeshFile]:
     """Cut a mesh into ``count`` partitions, which are made one after the other.
 
     Nodes are ascending by number in the mesh, cells are in its order. A patch has those of its nodes that are in the
-    partition; it is left out if there are none. Nodes that belong to no cell are left out.
-
-    Raises
-    ------
-    InvalidInput
-        If there are fewer cells or nodes than partitions, or so few that one partition has no cell.
+    partition; it is left out if there are none. Nodes that belong to no cell are left out. Raises InvalidInput if there
+    are fewer cells or nodes than partitions, or so few that one partition has no cell.
     """
     if count < 1:
         raise InvalidInput(f"{mesh.path}: expected one partition or more, got {count}")
@@ -53,10 +49,7 @@ def partitions(mesh: MeshFile, count: int) -> Iterator[MeshFile]:
 def write_partitions(folder: Path, mesh: MeshFile, count: int) -> list[Path]:
     """Write the partitions of a mesh to ``partition-000.npz`` and so on in a folder, which is made; return the files.
 
-    Raises
-    ------
-    InvalidInput, ResourceExhausted
-        As :func:`partitions` and :func:`.writer.write_mesh` do.
+    Raises InvalidInput, ResourceExhausted as :func:`partitions` and :func:`.writer.write_mesh` do.
     """
     written = []
     for number, part in enumerate(partitions(mesh, count)):

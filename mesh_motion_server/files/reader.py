@@ -25,17 +25,14 @@ def is_mesh(path: Path) -> bool:
 def read_mesh(path: Path | str, zone: str = "") -> MeshFile:
     """Read a mesh with its patches.
 
+    Raises InvalidInput if the file is missing, of another format, damaged, or holds no usable mesh.
+
     Parameters
     ----------
     path : path
         A file or a folder of one of :data:`.formats.FORMATS`.
     zone : str
         The name or number of a zone, if the file has several.
-
-    Raises
-    ------
-    InvalidInput
-        If the file is missing, of another format, damaged, or holds no usable mesh.
     """
     path = Path(path)
     found = format_of(path)
@@ -67,12 +64,8 @@ def format_of(path: Path) -> Format:
     """Return the format of a file or folder.
 
     A file whose beginning fits no format gets the format of its suffix, if only one format has this suffix: its reader
-    then says what is wrong. A folder that fits no format gets OpenFOAM's.
-
-    Raises
-    ------
-    InvalidInput
-        If there is no such file, or no format fits.
+    then says what is wrong. A folder that fits no format gets OpenFOAM's. Raises InvalidInput if there is no such file,
+    or no format fits.
     """
     suffix, folder = path.suffix.lower(), path.is_dir()
     if not folder and not path.is_file():

@@ -14,12 +14,8 @@ __all__ = ["replaced_by_name", "replacing", "require_file_place", "require_folde
 def require_file_place(path: Path) -> None:
     """Check before any work that a file can be written at this path.
 
-    Raises
-    ------
-    InvalidInput
-        If its folder is missing, or it is a folder itself.
-    ResourceExhausted
-        If the folder is not writable.
+    Raises InvalidInput if its folder is missing, or it is a folder itself. Raises ResourceExhausted if the folder is
+    not writable.
     """
     folder = path.resolve().parent  # a link is kept; its target is replaced
     if path.is_dir():

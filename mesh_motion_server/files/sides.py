@@ -17,29 +17,19 @@ PLANES = {3: "triangle", 6: "triangle", 4: "quad", 8: "quad", 9: "quad"}
 
 @dataclass(frozen=True, eq=False)
 class Sides:
-    """How a program numbers the sides of elements and the nodes between their corners.
+    """How a program numbers the sides of elements and the nodes between their corners."""
 
-    Attributes
-    ----------
-    corners : {type: corners of each side}
-        Counted from 1.
-    edges : {type: pairs of corners}
-        In elements of second order, the corners are followed by the nodes in the middles of these edges, in this order.
-    centres : {(type, number of nodes): node in the centre of each side}
-        Counted from 1, 0 for none.
-    """
-
-    corners: Mapping[str, Sequence[Sequence[int]]]
+    corners: Mapping[str, Sequence[Sequence[int]]]  # {type: corners of each side}. Counted from 1
+    #: {type: pairs of corners}. In elements of second order, the corners are followed by the nodes in the middles of
+    #: these edges, in this order.
     edges: Mapping[str, str]
+    #: {(type, number of nodes): node in the centre of each side}. Counted from 1, 0 for none.
     centres: Mapping[tuple[str, int], Sequence[int]] = field(default_factory=dict)
 
     def local(self, name: str, width: int) -> list[list[int]]:
         """The nodes of each side of an element with ``width`` nodes, counted from 0; also those between corners.
 
-        Raises
-        ------
-        ValueError
-            For elements of third and higher order.
+        Raises ValueError for elements of third and higher order.
         """
         if name not in self.corners:
             return []
@@ -131,17 +121,14 @@ ABAQUS = Sides(
 def side_nodes(name: str, nodes: Integers, sides: Integers, table: Sides) -> Integers:
     """Nodes of sides of elements, with repeats; also those between corners.
 
+    Raises ValueError if an element has no such side, and as :meth:`Sides.local` does.
+
     Parameters
     ----------
     nodes : (m, k) array
         Nodes of the elements, the corners of type ``name`` first.
     sides : (m,) array
         The side of each element, counted from 1.
-
-    Raises
-    ------
-    ValueError
-        If an element has no such side, and as :meth:`Sides.local` does.
     """
     known = table.local(name, nodes.shape[1])
     wrong = np.flatnonzero((sides < 1) | (sides > len(known)))

@@ -20,17 +20,13 @@ __all__ = ["check_target", "patch_marks", "write_mesh"]
 def check_target(path: Path, source: Path | None = None) -> Format | None:
     """Check before any work that a mesh can be written there.
 
+    Raises InvalidInput for formats other than ``.npz``, ``.vtu`` and that of ``source``; for a path that is a folder or
+    has no folder. Raises ResourceExhausted if the folder is not writable.
+
     Returns
     -------
     Format or None
         The format of ``source``, if a copy of that file with moved nodes is to be written.
-
-    Raises
-    ------
-    InvalidInput
-        For formats other than ``.npz``, ``.vtu`` and that of ``source``; for a path that is a folder or has no folder.
-    ResourceExhausted
-        If the folder is not writable.
     """
     if path.suffix.lower() in (".npz", ".vtu"):
         require_file_place(path)
@@ -57,12 +53,7 @@ def write_mesh(path: Path, mesh: MeshFile) -> None:
     """Write a mesh in the format of the file's suffix.
 
     In ``.vtu`` its patches are point arrays ``patch_<name>``. In the format of the file that the mesh was read from, it
-    is that file with the coordinates of the mesh.
-
-    Raises
-    ------
-    InvalidInput, ResourceExhausted
-        As :func:`check_target`.
+    is that file with the coordinates of the mesh. Raises InvalidInput, ResourceExhausted as :func:`check_target`.
     """
     own = check_target(path, mesh.path)
     try:

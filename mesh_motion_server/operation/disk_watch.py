@@ -67,13 +67,7 @@ class DiskWatch:
         return 0.0 if asked_at is None else time.monotonic() - asked_at
 
     def fresh(self) -> DiskRoom:
-        """Return the current room.
-
-        Raises
-        ------
-        ResourceExhausted
-            RESOURCE_EXHAUSTED.DISK if the disk does not answer.
-        """
+        """Return the current room. Raises ResourceExhausted: RESOURCE_EXHAUSTED.DISK if the disk does not answer."""
         self.ask()
         if not self._answered.wait(max(0.0, _FRESH_SECONDS - self.silence())):
             raise _no_answer()

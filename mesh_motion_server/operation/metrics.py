@@ -25,29 +25,15 @@ _QUALITIES = (0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.8)
 
 @dataclass(frozen=True)
 class Metric:
-    """One line of the table.
+    """One line of the table."""
 
-    Attributes
-    ----------
-    name : str
-        Name without the prefix; a counter's without ``_total``.
-    kind : {"counter", "gauge", "histogram"}
-    text : str
-        Description, with the unit.
-    label : str
-        Name of the label; empty without one.
-    shown : tuple of str
-        Label values that are shown as 0 before the first count, so that the first increase is visible.
-    bounds : tuple of float
-        For a histogram: the upper limits of its buckets, ascending.
-    """
-
-    name: str
+    name: str  # name without the prefix; a counter's without ``_total``
     kind: Literal["counter", "gauge", "histogram"]
-    text: str
-    label: str = ""
+    text: str  # description, with the unit
+    label: str = ""  # name of the label; empty without one
+    #: Label values that are shown as 0 before the first count, so that the first increase is visible.
     shown: tuple[str, ...] = ()
-    bounds: tuple[float, ...] = ()
+    bounds: tuple[float, ...] = ()  # for a histogram: the upper limits of its buckets, ascending
 
 
 METRICS = {

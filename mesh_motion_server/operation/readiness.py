@@ -12,29 +12,15 @@ __all__ = ["Readiness"]
 
 @dataclass(frozen=True)
 class Readiness:
-    """The conditions of readiness.
-
-    Attributes
-    ----------
-    gateway_silent : bool
-        The gateway has not answered for ``stuck_seconds``.
-    warm : bool
-        A template has completed its imports since the server started.
-    template_silent : bool
-        There is no template to fork workers from, or it has not become ready for too long.
-    disk_silence : float
-        Seconds for which the disk has not answered.
-    reserve : int
-        Bytes of the disk that are reserved for the running sessions.
-    """
+    """The conditions of readiness."""
 
     draining: bool
-    gateway_silent: bool
-    warm: bool
-    template_silent: bool
+    gateway_silent: bool  # the gateway has not answered for ``stuck_seconds``
+    warm: bool  # a template has completed its imports since the server started
+    template_silent: bool  # there is no template to fork workers from, or it has not become ready for too long
     disk: DiskRoom
-    disk_silence: float
-    reserve: int
+    disk_silence: float  # seconds for which the disk has not answered
+    reserve: int  # bytes of the disk that are reserved for the running sessions
 
     def missing(self) -> str:
         """Return the first missing condition, in one line."""

@@ -21,19 +21,12 @@ _CGROUPS = Path("/sys/fs/cgroup")
 
 @dataclass(frozen=True)
 class DiskRoom:
-    """The room of a file system.
+    """The room of a file system."""
 
-    Attributes
-    ----------
-    free, size : int
-        Bytes; ``free`` counts what this user may use.
-    writable : bool
-        Whether this user may write into the folder.
-    """
-
+    #: free, size: bytes; ``free`` counts what this user may use
     free: int
     size: int
-    writable: bool
+    writable: bool  # whether this user may write into the folder
 
 
 def disk_room(folder: Path) -> DiskRoom:

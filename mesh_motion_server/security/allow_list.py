@@ -86,10 +86,7 @@ class AllowList:
     def entry(self, key: str) -> Entry | None:
         """Return the entry of this key, None for an unknown key.
 
-        Raises
-        ------
-        SessionError
-            UNAVAILABLE while the file cannot be used.
+        Raises SessionError: UNAVAILABLE while the file cannot be used.
         """
         self._look()
         if self._failure:
@@ -133,12 +130,7 @@ class AllowList:
 def read_entries(path: Path) -> dict[str, Entry]:
     """Read the keys of a file.
 
-    Raises
-    ------
-    InvalidInput
-        If it is not an allow-list, or others may write it.
-    OSError
-        If it cannot be read.
+    Raises InvalidInput if it is not an allow-list, or others may write it. Raises OSError if it cannot be read.
     """
     with path.open("rb") as file:
         status = os.fstat(file.fileno())
@@ -180,12 +172,7 @@ def _entry(path: Path, key: str, value: Any) -> Entry:
 
 
 def write_entries(path: Path, entries: Mapping[str, Entry]) -> None:
-    """Replace the file as a whole, so that a reader never sees half of it.
-
-    Raises
-    ------
-    OSError
-    """
+    """Replace the file as a whole, so that a reader never sees half of it. Raises OSError."""
     lines = [_line(key, entry) for key, entry in sorted(entries.items(), key=lambda item: item[1].name)]
     part = path.with_name(path.name + ".part")
     with open(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o644), "w", encoding="utf-8") as file:

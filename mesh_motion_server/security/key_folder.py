@@ -41,12 +41,7 @@ ALLOW_LIST = "allow.toml"
 
 
 def require_curve() -> None:
-    """Raise unless this libzmq has CURVE.
-
-    Raises
-    ------
-    InvalidInput
-    """
+    """Raise InvalidInput unless this libzmq has CURVE."""
     if not zmq.has("curve"):
         raise InvalidInput(
             f"keys need CURVE, but libzmq {zmq.zmq_version()} was built without it",
@@ -57,10 +52,7 @@ def require_curve() -> None:
 def make_server_keys(folder: Path) -> PublicKey:
     """A server's key pair and an allow-list that admits no key.
 
-    Raises
-    ------
-    InvalidInput
-        If there are keys already, or the folder cannot be written.
+    Raises InvalidInput if there are keys already, or the folder cannot be written.
     """
     public = _make_pair(SERVER, folder)
     try:
@@ -74,10 +66,7 @@ def make_server_keys(folder: Path) -> PublicKey:
 def make_client_keys(name: str, folder: Path) -> PublicKey:
     """Make a client's key pair.
 
-    Raises
-    ------
-    InvalidInput
-        If there are keys of that name already, the name is invalid, or the folder cannot be written.
+    Raises InvalidInput if there are keys of that name already, the name is invalid, or the folder cannot be written.
     """
     try:
         checked_name(name)
@@ -91,6 +80,8 @@ def make_client_keys(name: str, folder: Path) -> PublicKey:
 def admit(public: str, folder: Path, *, name: str = "", roles: Sequence[str] = ()) -> Entry:
     """Put a key on a server's allow-list; an existing key gets the new name and roles.
 
+    Raises InvalidInput if a key, a role or the list is not valid, or the name is that of another key.
+
     Parameters
     ----------
     public : str
@@ -101,10 +92,6 @@ def admit(public: str, folder: Path, *, name: str = "", roles: Sequence[str] = (
         Default: the name in the file.
     roles : sequence of str, optional
         Default: owner.
-
-    Raises
-    ------
-    InvalidInput
     """
     key = _public_key(public, name)
     unknown = [role for role in roles if role not in ROLES]
@@ -122,10 +109,7 @@ def admit(public: str, folder: Path, *, name: str = "", roles: Sequence[str] = (
 def revoke(name: str, folder: Path) -> Entry:
     """Take a key off a server's allow-list, by its name or the key itself.
 
-    Raises
-    ------
-    InvalidInput
-        If the list does not name it.
+    Raises InvalidInput if the list does not name it.
     """
     entries = read_list(folder)
     found = [key for key, entry in entries.items() if name in (entry.name, key)]
@@ -162,12 +146,7 @@ def _public_key(public: str, name: str) -> PublicKey:
 
 
 def read_list(folder: Path) -> dict[str, Entry]:
-    """Return the admitted keys of a server.
-
-    Raises
-    ------
-    InvalidInput
-    """
+    """Return the admitted keys of a server. Raises InvalidInput."""
     try:
         return read_entries(folder / ALLOW_LIST)
     except OSError as error:

@@ -17,14 +17,8 @@ OUTCOMES = ("keep", "discard")
 def answer(session: Session, request: Close) -> Closed:
     """Check the request and, if the session is kept, make its state durable; this is the last durable step.
 
-    Raises
-    ------
-    DataLoss
-        If the disk fails during the call; the session is then FROZEN, and closes when CLOSE is sent again.
-    SessionError
-        If the state does not allow it.
-    InvalidInput
-        On an unknown outcome.
+    Raises DataLoss if the disk fails during the call; the session is then FROZEN, and closes when CLOSE is sent again.
+    Raises SessionError if the state does not allow it. Raises InvalidInput on an unknown outcome.
     """
     session.admit(Operation.CLOSE)
     if request.outcome not in OUTCOMES:

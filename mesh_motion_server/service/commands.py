@@ -17,34 +17,21 @@ __all__ = ["Collective", "Single", "id_of"]
 
 @dataclass(frozen=True)
 class Single:
-    """A command of one partition.
+    """A command of one partition."""
 
-    Attributes
-    ----------
-    answer : callable
-        (session, request) → reply.
-    executes_once : bool
-        Whether a repeat gets the stored reply. Otherwise the command changes nothing and is executed again.
-    """
-
-    answer: Callable[[Session, Any], Message]
+    answer: Callable[[Session, Any], Message]  # (session, request) → reply
+    #: Whether a repeat gets the stored reply. Otherwise the command changes nothing and is executed again.
     executes_once: bool
 
 
 @dataclass(frozen=True)
 class Collective:
-    """A command of all partitions.
+    """A command of all partitions."""
 
-    Attributes
-    ----------
-    check : callable
-        (session, request) → the data for ``run``. The request is read once, before it waits for the other partitions;
-        raises if it is invalid.
-    run : callable
-        (session, results of ``check`` by partition) → replies by partition.
-    """
-
+    #: (session, request) → the data for ``run``. The request is read once, before it waits for the other partitions;
+    #: raises if it is invalid.
     check: Callable[[Session, Any], Any]
+    #: (session, results of ``check`` by partition) → replies by partition.
     run: Callable[[Session, Sequence[Any]], Sequence[Message]]
 
 

@@ -17,12 +17,8 @@ __all__ = ["check", "run"]
 def check(session: Session, request: Correct) -> tuple[Correct, Region]:
     """Check the step and the state, and that the session's cells are with the client.
 
-    Raises
-    ------
-    SessionError
-        FAILED_PRECONDITION.STATE or .STEP; ABORTED.TRIAL_LOST.
-    InvalidInput
-        If the fields are inconsistent.
+    Raises SessionError: FAILED_PRECONDITION.STATE or .STEP; ABORTED.TRIAL_LOST. Raises InvalidInput if the fields are
+    inconsistent.
     """
     session.require_client_evaluation()
     session.admit(Operation.CORRECT if request.what == "trial" else Operation.FETCH)

@@ -21,12 +21,8 @@ __all__ = ["check_cotangent", "check_tangent", "cotangent", "tangent"]
 def check_tangent(session: Session, request: Tangent) -> Tangent:
     """Check state, method, shape and finiteness of one partition's velocities.
 
-    Raises
-    ------
-    SessionError
-        FAILED_PRECONDITION.STATE.
-    InvalidInput
-        If the method has no derivative; the error names the key. If a value is wrong; it names the node.
+    Raises SessionError: FAILED_PRECONDITION.STATE. Raises InvalidInput, which names the
+    key, if the method has no derivative; or the node, if a value is wrong.
     """
     session.require_slope(Operation.TANGENT, request.what)
     _check(session, "velocity", request.velocity, session.mesh.moving_local[request.partition], request.partition)

@@ -77,12 +77,8 @@ class SessionHost:
     ) -> SessionHost:
         """Create a session; ``build_model`` builds its model.
 
-        Raises
-        ------
-        InvalidInput
-            If the basis or the durability level is not offered, or the client cannot evaluate this motion.
-        ResourceExhausted
-            If the disk has no room for it or fails.
+        Raises InvalidInput if the basis or the durability level is not offered, or the client cannot evaluate this
+        motion. Raises ResourceExhausted if the disk has no room for it or fails.
         """
         limits = limits or ServerSettings()
         check_durability(spec.durability, limits.durability)
@@ -104,12 +100,8 @@ class SessionHost:
     ) -> SessionHost:
         """Open a stored session at its last committed step under a new epoch; call ``progress`` per recomputed step.
 
-        Raises
-        ------
-        SessionError
-            NOT_FOUND, or UNAVAILABLE.STARTING while another process holds it.
-        DataLoss
-            If the stored data does not verify, or the disk fails.
+        Raises SessionError: NOT_FOUND, or UNAVAILABLE.STARTING while another process holds it. Raises DataLoss if the
+        stored data does not verify, or the disk fails.
         """
         limits = limits or ServerSettings()
         folder = store.open(session, token)
@@ -185,18 +177,13 @@ class SessionHost:
     def reclaim(self, token: bytes) -> int:
         """RESUME while this process holds the session: fence the old holder and drop the trial.
 
+        Raises SessionError: NOT_FOUND for a wrong token; FAILED_PRECONDITION.STATE or RESOURCE_EXHAUSTED.DISK when the
+        session must be opened again in another process. Raises DataLoss if the disk fails during the call.
+
         Returns
         -------
         int
             The new epoch.
-
-        Raises
-        ------
-        SessionError
-            NOT_FOUND for a wrong token; FAILED_PRECONDITION.STATE or RESOURCE_EXHAUSTED.DISK when the session must be
-            opened again in another process.
-        DataLoss
-            If the disk fails during the call.
         """
         if not self._session.spec.admits(token):
             raise SessionError(f"there is no session {self.session} for this token", code="NOT_FOUND")

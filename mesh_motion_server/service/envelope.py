@@ -13,16 +13,9 @@ __all__ = ["Envelope"]
 
 @dataclass(frozen=True)
 class Envelope:
-    """A message with its sender or its receiver, the peer.
+    """A message with its sender or its receiver, the peer."""
 
-    Attributes
-    ----------
-    peer : bytes
-        Transport's identifier of a connection; opaque here.
-    memory : mapping
-        Memory that the peer offers for the arrays of this reply; may be empty.
-    """
-
-    peer: bytes
+    peer: bytes  # Transport's identifier of a connection; opaque here
     message: Message
+    #: Memory that the peer offers for the arrays of this reply; may be empty.
     memory: Mapping[str, Any] = field(default_factory=dict)

@@ -15,12 +15,7 @@ __all__ = ["answer"]
 def answer(session: Session, request: Fetch) -> Fetched:
     """Reply with committed or reference coordinates, in the order of the partition's upload.
 
-    Raises
-    ------
-    SessionError
-        If the mesh is not built.
-    InvalidInput
-        On an unknown ``what``.
+    Raises SessionError if the mesh is not built. Raises InvalidInput on an unknown ``what``.
     """
     session.admit(Operation.FETCH)
     if request.what not in FRAMES:

@@ -37,19 +37,11 @@ def agreement(request: SessionMessage) -> tuple[tuple[str, object], ...]:
 
 @dataclass
 class Gathering:
-    """The requests of one collective that have arrived so far.
-
-    Attributes
-    ----------
-    deadline : float
-        On the host's clock.
-    arrivals : dict
-        The requests by partition.
-    """
+    """The requests of one collective that have arrived so far."""
 
     partitions: int
-    deadline: float
-    arrivals: dict[int, Arrival] = field(default_factory=dict)
+    deadline: float  # on the host's clock
+    arrivals: dict[int, Arrival] = field(default_factory=dict)  # the requests by partition
 
     @property
     def missing(self) -> list[int]:
@@ -68,10 +60,7 @@ class Gathering:
     def repeats(self, arrival: Arrival) -> bool:
         """Whether this request already waits here.
 
-        Raises
-        ------
-        SessionError
-            ABORTED.CONFLICT if a request with the same id but other content waits.
+        Raises SessionError: ABORTED.CONFLICT if a request with the same id but other content waits.
         """
         waiting = self.arrivals.get(arrival.request.partition)
         if waiting is None or _number(waiting) != _number(arrival):

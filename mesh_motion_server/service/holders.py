@@ -25,12 +25,8 @@ class Holders:
     def check_address(self, request: SessionMessage) -> None:
         """Check session id, partition and epoch of a request.
 
-        Raises
-        ------
-        SessionError
-            NOT_FOUND for another session, ABORTED.FENCED for another epoch.
-        InvalidInput
-            For a partition that does not exist.
+        Raises SessionError: NOT_FOUND for another session, ABORTED.FENCED for another epoch. Raises InvalidInput for a
+        partition that does not exist.
         """
         spec = self._session.spec
         if request.session != spec.session:

@@ -22,10 +22,7 @@ _MOST_PATCHES, _MOST_NAME_BYTES = 256, 1 << 15
 def answer(session: Session, request: Join) -> Joined:
     """Check the token; reply with the state of the session and the data that the partition needs.
 
-    Raises
-    ------
-    SessionError
-        NOT_FOUND for a wrong token, the same as for an unknown session.
+    Raises SessionError: NOT_FOUND for a wrong token, the same as for an unknown session.
     """
     if not session.spec.admits(request.token):
         raise not_found(request.session)

@@ -38,12 +38,8 @@ _FARTHEST = 1e12
 def check(session: Session, request: Move) -> Move:
     """Check state, step, frame, shape, finiteness and size of one partition's displacements.
 
-    Raises
-    ------
-    SessionError
-        FAILED_PRECONDITION.STATE or .STEP.
-    InvalidInput
-        The error names the partition, its node and the value.
+    Raises SessionError: FAILED_PRECONDITION.STATE or .STEP. Raises InvalidInput; the error names the partition, its
+    node and the value.
     """
     session.admit(Operation.MOVE)
     session.require_next_step(request.step)

@@ -18,17 +18,14 @@ def check_values(
 ) -> None:
     """Check the values (k, c) of a partition's ``nodes`` (k,).
 
+    Raises InvalidInput: INVALID_ARGUMENT.NONFINITE or .VALUE; the error names the first wrong value and its node.
+
     Parameters
     ----------
     limit : float
         Largest magnitude.
     limit_is : str
         Words for the limit, after its number.
-
-    Raises
-    ------
-    InvalidInput
-        INVALID_ARGUMENT.NONFINITE or .VALUE; the error names the first wrong value and its node.
     """
     if not values.size or (values.max() <= limit and values.min() >= -limit):
         return

@@ -15,10 +15,8 @@ __all__ = ["answer"]
 def answer(session: Session, request: Upload) -> Uploaded:
     """Append the part.
 
-    Raises
-    ------
-    InvalidInput
-        If there are no rows, or as :meth:`~mesh_motion_server.session.partitions.uploads.MeshUpload.add`.
+    Raises InvalidInput if there are no rows, or as
+    :meth:`~mesh_motion_server.session.partitions.uploads.MeshUpload.add`.
     """
     if request.rows is None:
         raise InvalidInput(

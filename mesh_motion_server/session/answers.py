@@ -90,12 +90,8 @@ class Answers(Position):
     def require_slope(self, operation: Operation, what: str) -> None:
         """Raise unless the motion can be differentiated at the trial or the committed state.
 
-        Raises
-        ------
-        SessionError
-            If the state does not allow it, or there is no trial.
-        InvalidInput
-            If the method, or this kind of session, has no derivative.
+        Raises SessionError if the state does not allow it, or there is no trial. Raises InvalidInput if the method, or
+        this kind of session, has no derivative.
         """
         self.admit(operation)
         self._points_of(what)
@@ -106,18 +102,14 @@ class Answers(Position):
     def tangent(self, what: str, velocities: Sequence[Floats]) -> list[Floats]:
         """Velocities (n_p, c d) of each partition's nodes, for velocities (k_p, c d) of its moving nodes.
 
+        Raises InvalidInput if partitions disagree about a node. Raises QualityRefused if this mesh was corrected, but
+        not by the smooth correction.
+
         Parameters
         ----------
         what : {"trial", "committed"}
         velocities : one (k_p, c d) array per partition
             The components of c vectors, one after the other.
-
-        Raises
-        ------
-        InvalidInput
-            If partitions disagree about a node.
-        QualityRefused
-            If this mesh was corrected, but not by the smooth correction.
         """
         mesh = self.mesh
         given = self._gather_velocities(velocities)

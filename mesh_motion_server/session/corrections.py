@@ -64,28 +64,15 @@ class CorrectedRegion:
 
 @dataclass(frozen=True, eq=False)
 class CorrectOutcome:
-    """The result of a Correct.
+    """The result of a Correct."""
 
-    Attributes
-    ----------
-    extent : Extent or None
-        The larger region that is needed, also around the ``nodes``; there is no correction yet. None: the region was
-        corrected.
-    nodes : (c,) int64 array
-        Global ids of the freed nodes.
-    displacement : (c, d) array, mesh length unit
-        Displacement of these nodes, since the reference mesh.
-    correction : Correction or None
-        Result of the correction, without coordinates.
-    region : CorrectedRegion or None
-        The region in which the correction was found.
-    """
-
+    #: The larger region that is needed, also around the ``nodes``; there is no correction yet. None: the region was
+    #: corrected.
     extent: Extent | None
-    nodes: Integers
-    displacement: Floats
-    correction: Correction | None = None
-    region: CorrectedRegion | None = None
+    nodes: Integers  # (c,). Global ids of the freed nodes
+    displacement: Floats  # (c, d), mesh length unit. Displacement of these nodes, since the reference mesh
+    correction: Correction | None = None  # result of the correction, without coordinates
+    region: CorrectedRegion | None = None  # the region in which the correction was found
 
 
 def is_good(method: Method, quality: Judgement) -> bool:
@@ -119,6 +106,9 @@ def correct(
 ) -> CorrectOutcome:
     """Correct the region that the ranks send.
 
+    Raises InvalidInput if the regions do not fit the mesh or each other. Raises QualityRefused if no valid mesh was
+    found.
+
     Parameters
     ----------
     mesh : MergedMesh
@@ -133,13 +123,6 @@ def correct(
         One region from each partition, with the same extent.
     factors : FactorSource
         Factorizations of the boundary, for a smooth motion that must be led along a way.
-
-    Raises
-    ------
-    InvalidInput
-        If the regions do not fit the mesh or each other.
-    QualityRefused
-        If no valid mesh was found.
     """
     boundary, extents = cast("BoundaryMotion", model), [one.extent for one in regions]
     if len(set(extents)) > 1:

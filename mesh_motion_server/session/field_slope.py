@@ -35,65 +35,34 @@ __all__ = ["FieldCotangent", "FieldSlope", "FieldTangent"]
 
 @dataclass(frozen=True, eq=False)
 class FieldTangent:
-    """Velocities, the components of c vectors one after the other.
+    """Velocities, the components of c vectors one after the other."""
 
-    Attributes
-    ----------
-    velocity : (n, c d) array
-        Velocities of the uploaded nodes, in canonical order.
-    coefficients : (r, c d) array
-        Coefficients of the velocity field.
-    freed : (f,) int64 array
-        Global ids of the nodes that the correction frees.
-    of_freed : (f, c d) array
-    """
-
-    velocity: Floats
-    coefficients: Floats
-    freed: Integers
-    of_freed: Floats
+    velocity: Floats  # (n, c d). Velocities of the uploaded nodes, in canonical order
+    coefficients: Floats  # (r, c d). Coefficients of the velocity field
+    freed: Integers  # (f,). Global ids of the nodes that the correction frees
+    of_freed: Floats  # (f, c d)
 
 
 @dataclass(frozen=True, eq=False)
 class FieldCotangent:
-    """Weights, the components of c vectors one after the other.
+    """Weights, the components of c vectors one after the other."""
 
-    Attributes
-    ----------
-    weights : (n, c d) array
-        Weights of the uploaded nodes, in canonical order.
-    coefficients : (r, c d) array
-        Derivatives by the coefficients from the client's other nodes, without the nodes with ``ids``.
-    ids : (q,) int64 array
-        Global ids of nodes of the region, once for each partition that has them.
-    of_ids : (q, c d) array
-    """
-
-    weights: Floats
+    weights: Floats  # (n, c d). Weights of the uploaded nodes, in canonical order
+    #: (r, c d). Derivatives by the coefficients from the client's other nodes, without the nodes with ``ids``.
     coefficients: Floats
-    ids: Integers
-    of_ids: Floats
+    ids: Integers  # (q,). Global ids of nodes of the region, once for each partition that has them
+    of_ids: Floats  # (q, c d)
 
 
 @dataclass(frozen=True, eq=False)
 class FieldSlope:
-    """The derivative at one state.
-
-    Attributes
-    ----------
-    field : Field
-        A field of the reference mesh: all other fields differ only in their coefficients.
-    points : (n, d) array, mesh length unit
-        Coordinates of the uploaded nodes before the correction.
-    corrected : CorrectedRegion or None
-        None without a correction.
-    """
+    """The derivative at one state."""
 
     mesh: MergedMesh
     model: BoundaryMotion
-    field: Field
-    points: Floats
-    corrected: CorrectedRegion | None
+    field: Field  # a field of the reference mesh: all other fields differ only in their coefficients
+    points: Floats  # (n, d), mesh length unit. Coordinates of the uploaded nodes before the correction
+    corrected: CorrectedRegion | None  # none without a correction
     factors: FactorSource
 
     def tangent(self, velocity: Floats) -> FieldTangent:
@@ -191,10 +160,7 @@ class FieldSlope:
     def _rows_of(self, ids: Integers) -> Integers:
         """Rows (q,) of the region of nodes that are not uploaded.
 
-        Raises
-        ------
-        InvalidInput
-            If a node is not in the region.
+        Raises InvalidInput if a node is not in the region.
         """
         region = self._region
         _refuse_strange(ids[~np.isin(ids, region.ids[self._shared[2]])])

@@ -34,38 +34,24 @@ class Check:
 
 @dataclass(frozen=True)
 class Inspection:
-    """The content of a session's folder.
-
-    Attributes
-    ----------
-    durability : str
-        The session's level.
-    settings : dict
-        The keys of the case file's ``[method]``.
-    step, epoch : int
-        Last committed step and current epoch; -1 if the journal does not contain it.
-    stored_step : int
-        The step of the stored state; RESUME recomputes the steps after it.
-    digest : str
-        State digest of the last committed step, hexadecimal; empty at step 0.
-    label, dimension, partitions, durability, settings
-        Empty or 0 if the session's ``spec.json`` is lost or damaged.
-    state : {"whole", "unfinished", "damaged", "unbuilt"}
-        ``unfinished``: a crash left something that the next RESUME completes or drops without loss.
-    """
+    """The content of a session's folder."""
 
     folder: str
     session: str
+    #: label, dimension, partitions, durability, settings: empty or 0 if the session's ``spec.json`` is lost or damaged
     label: str
     dimension: int
     partitions: int
     nodes: int
-    durability: str
-    settings: dict[str, Any]
+    durability: str  # the session's level
+    settings: dict[str, Any]  # the keys of the case file's ``[method]``
+    #: step, epoch: last committed step and current epoch; -1 if the journal does not contain it
     step: int
-    stored_step: int
+    stored_step: int  # the step of the stored state; RESUME recomputes the steps after it
     epoch: int
-    digest: str
+    digest: str  # state digest of the last committed step, hexadecimal; empty at step 0
+    #: {"whole", "unfinished", "damaged", "unbuilt"}. ``unfinished``: a crash left something that the next RESUME
+    #: completes or drops without loss.
     state: str
     checks: tuple[Check, ...]
 
@@ -73,10 +59,7 @@ class Inspection:
 def inspect_session(folder: Path | str) -> Inspection:
     """Inspect one session's folder.
 
-    Raises
-    ------
-    DataLoss
-        If it is not a session's folder: it has none of a session's files.
+    Raises DataLoss if it is not a session's folder: it has none of a session's files.
     """
     path, files = Path(folder), PosixFileSystem()
     if not is_session_folder(path):

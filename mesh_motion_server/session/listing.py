@@ -44,25 +44,18 @@ Stamp = tuple[int, int, int, int, int]
 
 @dataclass(frozen=True)
 class StoredSession:
-    """A session at rest, for lists; holds no secret.
-
-    Attributes
-    ----------
-    state : str
-        READY; FAILED if files are missing or cut, or if the journal, the spec, or a mesh or last state of up to 1 MiB
-        does not verify; UNREADABLE if they cannot be read. Larger files are verified only by RESUME and inspect,
-        because gigabytes must be read.
-    owner : str
-        The public key of the user who opened it; empty on a server without keys.
-    """
+    """A session at rest, for lists; holds no secret."""
 
     session: str
     label: str
     dimension: int
     partitions: int
     step: int
+    #: READY; FAILED if files are missing or cut, or if the journal, the spec, or a mesh or last state of up to 1 MiB
+    #: does not verify; UNREADABLE if they cannot be read. Larger files are verified only by RESUME and inspect, because
+    #: gigabytes must be read.
     state: str
-    owner: str = ""
+    owner: str = ""  # the public key of the user who opened it; empty on a server without keys
 
 
 class _Journal(NamedTuple):
@@ -127,10 +120,7 @@ class Listing:
     def spec(self, folder: Path) -> StoredSpec:
         """The values that OPEN fixed.
 
-        Raises
-        ------
-        DataLoss
-            If the file cannot be read, does not have the digest in the journal, or is another session's.
+        Raises DataLoss if the file cannot be read, does not have the digest in the journal, or is another session's.
         """
 
         try:

@@ -120,10 +120,8 @@ def model_of(build: ModelBuilder | None, mesh: MergedMesh | UploadView, method: 
 def checked_model(build: ModelBuilder | None, mesh: MergedMesh, method: Method) -> Model:
     """The model of a mesh, made by :func:`model_of`.
 
-    Raises
-    ------
-    InvalidInput
-        If the mesh is unusable. The mesh is checked a second time, so that the error uses the numbering of the upload.
+    Raises InvalidInput if the mesh is unusable. The mesh is checked a second time, so that the error uses the numbering
+    of the upload.
     """
     try:
         return model_of(build, mesh, method)

@@ -25,23 +25,13 @@ __all__ = ["Computed", "compute"]
 
 @dataclass(frozen=True, eq=False)
 class Computed:
-    """A motion, and the coordinates that its answer gives.
+    """A motion, and the coordinates that its answer gives."""
 
-    Attributes
-    ----------
-    motion : Motion
-        The motion of the numerics.
-    points : (n, d) array, mesh length unit
-        In canonical order, read-only: bitwise the frame's coordinates plus ``displacements``.
-    exact : bool
-        Whether ``points`` are bitwise the motion's own.
-    displacements : one (n_p, d) array per partition, mesh length unit
-    """
-
-    motion: Motion
+    motion: Motion  # the motion of the numerics
+    #: (n, d), mesh length unit. In canonical order, read-only: bitwise the frame's coordinates plus ``displacements``.
     points: Floats
-    exact: bool
-    displacements: list[Floats]
+    exact: bool  # whether ``points`` are bitwise the motion's own
+    displacements: list[Floats]  # one (n_p, d) array per partition, mesh length unit
 
     @property
     def field(self) -> Field | None:
@@ -60,19 +50,14 @@ def compute(
 ) -> Computed:
     """Compute the motion that a Move requests.
 
+    Raises InvalidInput if a target is not finite. Raises QualityRefused if no acceptable motion was found.
+
     Parameters
     ----------
     committed : (n, d) array, mesh length unit
         In canonical order.
     with_displacements : bool
         Whether the displacements are also needed.
-
-    Raises
-    ------
-    InvalidInput
-        If a target is not finite.
-    QualityRefused
-        If no acceptable motion was found.
     """
     base = mesh.points if move_input.frame == "reference" else committed
     moving = mesh.moving

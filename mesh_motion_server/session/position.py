@@ -91,11 +91,8 @@ class Position:
     def admit(self, operation: Operation) -> State:
         """The state after ``operation``.
 
-        Raises
-        ------
-        SessionError
-            According to the state table; ABORTED.TRIAL_LOST for a Judge or a Commit whose trial a restart dropped; also
-            for a Commit of a trial that the client evaluates but has not judged.
+        Raises SessionError according to the state table; ABORTED.TRIAL_LOST for a Judge or a Commit whose trial a
+        restart dropped; also for a Commit of a trial that the client evaluates but has not judged.
         """
         needs_trial = operation in (Operation.JUDGE, Operation.CORRECT, Operation.COMMIT)
         if needs_trial:
@@ -113,12 +110,7 @@ class Position:
             raise
 
     def refuse_lost_trial(self) -> None:
-        """Raise ABORTED.TRIAL_LOST if a restart dropped the trial.
-
-        Raises
-        ------
-        SessionError
-        """
+        """Raise ABORTED.TRIAL_LOST if a restart dropped the trial."""
         if self.state is State.READY and self._now.trial_lost:
             raise SessionError(
                 f"a trial of step {self.step + 1} from before the session was resumed is lost",
@@ -130,11 +122,8 @@ class Position:
     def require_next_step(self, step: int) -> None:
         """Raise unless ``step`` is the one after the last committed one.
 
-        Raises
-        ------
-        SessionError
-            FAILED_PRECONDITION.STEP; ABORTED.STEPS_LOST if answered steps may have been lost because they were not
-            durable.
+        Raises SessionError: FAILED_PRECONDITION.STEP; ABORTED.STEPS_LOST if answered steps may have been lost because
+        they were not durable.
         """
         if step > self.step + 1 and self._reopened and self.spec.durability == "relaxed":
             raise SessionError(
@@ -151,12 +140,7 @@ class Position:
             )
 
     def require_later(self, time: float | None) -> None:
-        """Raise unless ``time``, if given, is later than that of the last committed step, by a usable time step.
-
-        Raises
-        ------
-        InvalidInput
-        """
+        """Raise InvalidInput unless ``time``, if given, is later by a usable step than the last one committed."""
         last = self.time
         if time is None or last is None:
             return
@@ -170,12 +154,7 @@ class Position:
             )
 
     def require_time_of_commit(self, time: float | None) -> None:
-        """Raise unless a COMMIT with this ``time`` fits the trial, and the time levels that the session stores.
-
-        Raises
-        ------
-        InvalidInput
-        """
+        """Raise InvalidInput unless a COMMIT with this ``time`` fits the trial and the session's time levels."""
         self.require_later(time)
         of_move = self._open_trial.time
         if time is not None and of_move is not None and time != of_move:
@@ -196,12 +175,8 @@ class Position:
     def require_velocity(self, scheme: str, time: float | None) -> None:
         """Raise unless velocities of this scheme are possible for a MOVE to this ``time``.
 
-        Raises
-        ------
-        InvalidInput
-            If the time is missing, or if a tangent is requested but there is no derivative.
-        SessionError
-            If the session has not stored the levels of the scheme, or does not know the time of the last step.
+        Raises InvalidInput if the time is missing, or if a tangent is requested but there is no derivative. Raises
+        SessionError if the session has not stored the levels of the scheme, or does not know the time of the last step.
         """
         if scheme == "tangent":
             refusal = self.model.why_no_slope()
@@ -231,13 +206,7 @@ class Position:
             )
 
     def require_client_evaluation(self) -> None:
-        """Raise if the server judges the cells itself.
-
-        Raises
-        ------
-        SessionError
-            FAILED_PRECONDITION.STATE.
-        """
+        """Raise SessionError FAILED_PRECONDITION.STATE if the server judges the cells itself."""
         if self.spec.evaluation != "client":
             raise SessionError(
                 "the server judges the cells of this session itself",

@@ -64,12 +64,7 @@ def restore(
     """The last committed state of a journal, read or computed; ``rest`` is the state of the uploaded mesh.
 
     A state that took long to compute is stored at once: otherwise a worker that dies repeatedly would have more work
-    each time.
-
-    Raises
-    ------
-    DataLoss
-        If the state does not verify; and as :func:`recompute`.
+    each time. Raises DataLoss if the state does not verify; and as :func:`recompute`.
     """
     snapshot = journal.ledger.snapshot
     stored = rest
@@ -112,10 +107,7 @@ def _times(commit: Commit) -> tuple[float | None, float | None]:
 def _check_field(stored: CommittedState, model: Model, mesh: MergedMesh, factors: FactorCache) -> None:
     """Check that stored coefficients are those of the field that this version describes, up to rounding.
 
-    Raises
-    ------
-    DataLoss
-        DATA_LOSS.RECOVERY_DIVERGED.
+    Raises DataLoss: DATA_LOSS.RECOVERY_DIVERGED.
     """
     if stored.coefficients is None:
         return
@@ -156,6 +148,8 @@ def recompute(
 ) -> CommittedState:
     """The last committed state.
 
+    Raises DataLoss: DATA_LOSS.RECOVERY_DIVERGED if a recomputed step does not have its digest.
+
     Parameters
     ----------
     start : CommittedState
@@ -166,11 +160,6 @@ def recompute(
         Called after each recomputed step.
     time_levels : str
         The session's value.
-
-    Raises
-    ------
-    DataLoss
-        DATA_LOSS.RECOVERY_DIVERGED if a recomputed step does not have its digest.
     """
     model = model.without_distributions()
     for commit in logged:

@@ -86,11 +86,8 @@ class Session(Answers):
     ) -> Session:
         """Open a stored session at its last durable step, under a new epoch; call ``progress`` for recomputed steps.
 
-        Raises
-        ------
-        DataLoss
-            If the stored data do not verify, or the disk fails; DATA_LOSS.RECOVERY_DIVERGED if the states after the
-            last stored one cannot be recomputed.
+        Raises DataLoss if the stored data do not verify, or the disk fails; DATA_LOSS.RECOVERY_DIVERGED if the states
+        after the last stored one cannot be recomputed.
         """
         session = cls(folder, limits, build_model)
         journal, partitions = folder.load()
@@ -125,7 +122,8 @@ class Session(Answers):
     def needed_for_layers(self, reaches: Sequence[float]) -> tuple[float, Floats]:
         """The distance from moving walls within which cells are needed before the build.
 
-        The distance is 0 if the needed cells are here, within all ``reaches``.
+        The distance is 0 if the needed cells are here, within all ``reaches``. Raises InvalidInput if a reach was not
+        requested, or if a node on a moving wall has none of the cells.
 
         Parameters
         ----------
@@ -136,11 +134,6 @@ class Session(Answers):
         -------
         float, (f, d, d) array; mesh length unit
             The cells at nodes within this distance of these facets of the moving walls are needed.
-
-        Raises
-        ------
-        InvalidInput
-            If a reach was not requested, or if a node on a moving wall has none of the cells.
         """
         # imported here: other sessions do not need it, and it is large
         from mesh_motion_numerics.motion.boundary_motion import reach_of_layers  # noqa: PLC0415
@@ -158,14 +151,10 @@ class Session(Answers):
         return self.upload.reach, wall.reference[wall.simplices]
 
     def build(self) -> None:
-        """After the upload: check the mesh, and make it durable.
+        """Check the uploaded mesh, and make it durable.
 
-        Raises
-        ------
-        InvalidInput
-            If the mesh is unusable; in the numbering of the upload.
-        ResourceExhausted
-            If the disk cannot store it.
+        Raises InvalidInput if the mesh is unusable; in the numbering of the upload. Raises ResourceExhausted if the
+        disk cannot store it.
         """
         state = self.admit(Operation.BUILD)
         partitions = self.upload.meshes()
@@ -194,6 +183,10 @@ class Session(Answers):
     ) -> MoveOutcome:
         """Compute a trial.
 
+        Raises InvalidInput if partitions disagree about a node, or a target is not finite. Raises QualityRefused if no
+        acceptable motion was found, or if a tangent is requested but the motion has no derivative; an earlier trial is
+        kept.
+
         Parameters
         ----------
         frame : {"committed", "reference"}
@@ -205,14 +198,6 @@ class Session(Answers):
             Time of the step, seconds.
         velocity : VelocityAsked, optional
             Velocities that are also requested; checked by :meth:`require_velocity`.
-
-        Raises
-        ------
-        InvalidInput
-            If partitions disagree about a node, or a target is not finite.
-        QualityRefused
-            If no acceptable motion was found, or if a tangent is requested but the motion has no derivative; an earlier
-            trial is kept.
         """
         state = self.admit(Operation.MOVE)
         failpoint("session.move.start")
@@ -237,10 +222,7 @@ class Session(Answers):
     def judge(self, quality: QualitySummary) -> Verdict:
         """Take the quality of the trial's cells, which the client has.
 
-        Raises
-        ------
-        QualityRefused
-            If the quality is not acceptable; the trial is kept, but cannot be committed.
+        Raises QualityRefused if the quality is not acceptable; the trial is kept, but cannot be committed.
         """
         self.require_client_evaluation()
         state, method, trial = self.admit(Operation.JUDGE), self.model.method, self._open_trial
@@ -256,17 +238,14 @@ class Session(Answers):
     def correct(self, what: str, regions: Sequence[Region]) -> CorrectOutcome:
         """Correct the region that the ranks send.
 
+        Raises QualityRefused if no valid mesh was found; the trial is kept, but cannot be committed.
+
         Parameters
         ----------
         what : {"trial", "committed"}
             Committed coordinates that were corrected are corrected again, with bitwise the same result.
         regions : sequence of Region
             One region from each partition; ids are global.
-
-        Raises
-        ------
-        QualityRefused
-            If no valid mesh was found; the trial is kept, but cannot be committed.
         """
         self.require_client_evaluation()
         state, built = self.admit(Operation.CORRECT if what == "trial" else Operation.FETCH), self._require_built()
@@ -288,6 +267,8 @@ class Session(Answers):
     ) -> CommitOutcome:
         """Make the trial the committed state, durable according to the session's level.
 
+        Raises DataLoss if the disk failed; the session is then FROZEN at its last committed step.
+
         Parameters
         ----------
         requests : sequence of RequestId
@@ -296,11 +277,6 @@ class Session(Answers):
             Makes the packed content of the replies, which is journaled with the commit.
         time : float, optional
             Time of the step, seconds; by default that of the trial.
-
-        Raises
-        ------
-        DataLoss
-            If the disk failed; the session is then FROZEN at its last committed step.
         """
         state = self.admit(Operation.COMMIT)
         built, trial = self._require_built(), self._open_trial
@@ -336,12 +312,8 @@ class Session(Answers):
     def resume(self) -> int:
         """Take a new holder: make all commits durable, raise the epoch durably, drop the trial; return the epoch.
 
-        Raises
-        ------
-        SessionError
-            If the state does not allow it: the session must be opened again, in another process.
-        DataLoss
-            If the disk failed; the session is then FROZEN.
+        Raises SessionError if the state does not allow it: the session must be opened again, in another process. Raises
+        DataLoss if the disk failed; the session is then FROZEN.
         """
         state = self.admit(Operation.RESUME)
         if self._built is None:
@@ -356,11 +328,8 @@ class Session(Answers):
     def catch_up(self) -> None:
         """Return when all commits are durable, or when the failure was already reported.
 
-        Raises
-        ------
-        DataLoss
-            If the disk failed, and no request has been refused for this reason yet; the session is FROZEN, or stays
-            FAILED.
+        Raises DataLoss if the disk failed, and no request has been refused for this reason yet; the session is FROZEN,
+        or stays FAILED.
         """
         if self._built is None or self._now.disk_failure_reported or self._now.state in (State.FROZEN, State.CLOSED):
             return
@@ -373,7 +342,7 @@ class Session(Answers):
             raise
 
     def suspend(self) -> None:
-        """After the end of the lease: make all commits durable, or the session FROZEN."""
+        """Suspend the session, whose lease has ended: make all commits durable, or the session FROZEN."""
         with logged_failure(self.spec.session):
             self.catch_up()
         state = self.admit(Operation.LEASE_END)

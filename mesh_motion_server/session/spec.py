@@ -30,57 +30,33 @@ _USUAL = {"owner": "", "evaluation": "server", "time": 0.0, "time_levels": ""}
 
 @dataclass(frozen=True)
 class SessionSpec:
-    """The values that OPEN fixes for a session's whole life.
+    """The values that OPEN fixes for a session's whole life."""
 
-    Attributes
-    ----------
-    session : str
-        32 hexadecimal digits.
-    token : bytes
-        32 bytes; only its sha256 is ever stored.
-    durability : str
-        One of :data:`mesh_motion_server.settings.DURABILITY_LEVELS`.
-    owner : str
-        The public key of the user who opened it; empty on a server without keys.
-    evaluation : {"server", "client"}
-        The side that moves and judges the volume.
-    time : float
-        Time of the reference mesh, seconds.
-    time_levels : str
-        One of :data:`~mesh_motion_numerics.motion.time_levels.STORED_ARRAYS`.
-    """
-
-    session: str
-    token: bytes = field(repr=False)
+    session: str  # 32 hexadecimal digits
+    token: bytes = field(repr=False)  # 32 bytes; only its sha256 is ever stored
     dimension: int
     partitions: int = 1
     settings: MethodSettings = field(default_factory=MethodSettings)
     label: str = ""
-    durability: str = "full"
-    owner: str = ""
-    evaluation: str = "server"
-    time: float = 0.0
-    time_levels: str = ""
+    durability: str = "full"  # one of :data:`mesh_motion_server.settings.DURABILITY_LEVELS`
+    owner: str = ""  # the public key of the user who opened it; empty on a server without keys
+    evaluation: str = "server"  # {"server", "client"}. The side that moves and judges the volume
+    time: float = 0.0  # time of the reference mesh, seconds
+    time_levels: str = ""  # one of :data:`~mesh_motion_numerics.motion.time_levels.STORED_ARRAYS`
 
 
 @dataclass(frozen=True)
 class StoredSpec:
-    """The same without the token, in the form of ``spec.json``: JSON with these attributes as keys; usual values, from
-    the owner on, have no key.
+    """The spec without its token, as ``spec.json`` has it: JSON with these attributes as keys.
 
-    Attributes
-    ----------
-    token_sha256 : str
-        Hexadecimal.
-    settings : MethodSettings
-        With defaults, so that a later version with other defaults computes the same.
+    ``owner`` and the attributes after it have no key while they have their defaults.
     """
 
     session: str
-    token_sha256: str
+    token_sha256: str  # hexadecimal
     dimension: int
     partitions: int
-    settings: MethodSettings
+    settings: MethodSettings  # with defaults, so that a later version with other defaults computes the same
     label: str
     durability: str
     owner: str = ""
@@ -110,13 +86,7 @@ class StoredSpec:
         return hmac.compare_digest(hashlib.sha256(token).hexdigest(), self.token_sha256)
 
     def require_cells(self) -> None:
-        """Raise if the server does not have the cells.
-
-        Raises
-        ------
-        InvalidInput
-            If the client evaluates the field.
-        """
+        """Raise InvalidInput if the server does not have the cells, because the client evaluates the field."""
         if self.evaluation == "client":
             raise InvalidInput(f"session {self.session}: the client has its cells, the server does not")
 
@@ -133,10 +103,7 @@ class StoredSpec:
     def from_bytes(cls, data: bytes) -> StoredSpec:
         """The inverse of :meth:`to_bytes`.
 
-        Raises
-        ------
-        DataLoss
-            If the content is not valid; UNIMPLEMENTED.VERSION if another version wrote it.
+        Raises DataLoss if the content is not valid; UNIMPLEMENTED.VERSION if another version wrote it.
         """
         try:
             values: dict[str, Any] = json.loads(data)
@@ -179,10 +146,7 @@ def check_digest(spec: bytes, expected: bytes) -> None:
 def spec_bytes(folder: Path) -> bytes:
     """The content of a session's ``spec.json``.
 
-    Raises
-    ------
-    DataLoss
-        If the folder has none: it is no session's; RESOURCE_EXHAUSTED.DISK if the file cannot be read.
+    Raises DataLoss if the folder has none: it is no session's; RESOURCE_EXHAUSTED.DISK if the file cannot be read.
     """
     try:
         return read_whole(PosixFileSystem(), folder / SPEC, MOST_SPEC_BYTES)

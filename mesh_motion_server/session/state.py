@@ -167,10 +167,7 @@ TABLE: Mapping[State, Row] = MappingProxyType(
 def admit(state: State, operation: Operation) -> State:
     """The state after ``operation`` succeeds in ``state``.
 
-    Raises
-    ------
-    SessionError
-        If the table does not allow it; the details carry state and operation.
+    Raises SessionError if the table does not allow it; the details carry state and operation.
     """
     cell = TABLE[state][operation]
     if isinstance(cell, State):
@@ -185,75 +182,40 @@ def admit(state: State, operation: Operation) -> State:
 
 @dataclass(frozen=True, eq=False)
 class CommittedState:
-    """The durable values: the step and the positions of its nodes.
+    """The durable values: the step and the positions of its nodes."""
 
-    Attributes
-    ----------
-    step : int
-        0 for the mesh as uploaded.
-    points : (n, d) array, mesh length unit
-        Coordinates in the session's canonical node order; read-only.
-    coefficients : (r, d) array, optional
-        Coefficients of the field, if the client evaluates it.
-    corrected : bool
-        Whether the client's nodes were corrected after the field's displacement.
-    level : TimeLevel
-        The time of the step, and the data of earlier steps for velocities; arrays read-only, in canonical order.
-    """
-
-    step: int
-    points: Floats
-    coefficients: Floats | None = None
-    corrected: bool = False
+    step: int  # 0 for the mesh as uploaded
+    points: Floats  # (n, d), mesh length unit. Coordinates in the session's canonical node order; read-only
+    coefficients: Floats | None = None  # (r, d). Coefficients of the field, if the client evaluates it
+    corrected: bool = False  # whether the client's nodes were corrected after the field's displacement
+    #: The time of the step, and the data of earlier steps for velocities; arrays read-only, in canonical order.
     level: TimeLevel = field(default_factory=TimeLevel)
 
 
 @dataclass(frozen=True, eq=False)
 class MoveInput:
-    """The input of a motion; together with mesh, settings and committed state it determines the motion.
+    """The input of a motion; together with mesh, settings and committed state it determines the motion."""
 
-    Attributes
-    ----------
-    frame : {"committed", "reference"}
-    boundary_displacement : (k, d) array, mesh length unit
-        Displacement of the moving nodes in this frame, in the order of the mesh's ``moving``.
-    """
-
-    frame: str
+    frame: str  # {"committed", "reference"}
+    #: (k, d), mesh length unit. Displacement of the moving nodes in this frame, in the order of the mesh's ``moving``.
     boundary_displacement: Floats
 
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """The result of the last MOVE, which no COMMIT has confirmed yet.
+    """The result of the last MOVE, which no COMMIT has confirmed yet."""
 
-    Attributes
-    ----------
-    step, iteration : int
-        The step that it would become, and the number of MOVEs of this step.
-    points : (n, d) array, mesh length unit
-        Trial coordinates in canonical order; read-only.
-    quality : QualitySummary or None
-        Quality of ``points``, if the Move or a Judge has judged exactly these coordinates.
-    coefficients : (r, d) array, optional
-        Coefficients of the field, if the client evaluates it.
-    standard : QualitySummary or None
-        Quality of the client's mesh before its correction.
-    correction : Correction or None
-        Result of the client's correction, without coordinates; ``points`` are not changed by it.
-    time : float or None
-        Time of the step, seconds, if the Move had it.
-    """
-
+    #: step, iteration: the step that it would become, and the number of MOVEs of this step
     step: int
     iteration: int
-    points: Floats
-    quality: Judgement | None
+    points: Floats  # (n, d), mesh length unit. Trial coordinates in canonical order; read-only
+    quality: Judgement | None  # quality of ``points``, if the Move or a Judge has judged exactly these coordinates
     input: MoveInput
-    coefficients: Floats | None = None
-    standard: QualitySummary | None = None
+    coefficients: Floats | None = None  # (r, d). Coefficients of the field, if the client evaluates it
+    standard: QualitySummary | None = None  # quality of the client's mesh before its correction
+    #: Result of the client's correction, without coordinates; ``points`` are not changed by it.
     correction: Correction | None = None
-    time: float | None = None
+    time: float | None = None  # time of the step, seconds, if the Move had it
 
 
 def state_after(before: CommittedState, trial: Trial, time_levels: str, time: float | None) -> CommittedState:

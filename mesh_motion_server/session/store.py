@@ -86,6 +86,8 @@ class SessionFolder:
     def build(self, partitions: Sequence[PartitionMesh], nodes: int, snapshot_steps: int, *, epoch: int = 1) -> Journal:
         """Make the mesh durable and start the journal.
 
+        Raises ResourceExhausted: RESOURCE_EXHAUSTED.DISK if the disk cannot store it; the session is then unchanged.
+
         Parameters
         ----------
         partitions : sequence of PartitionMesh
@@ -94,11 +96,6 @@ class SessionFolder:
             Number of nodes of all partitions, each counted once.
         snapshot_steps : int
             With durability "replay": number of commits after which a state is stored.
-
-        Raises
-        ------
-        ResourceExhausted
-            RESOURCE_EXHAUSTED.DISK if the disk cannot store it; the session is then unchanged.
         """
         level, dimension = self.spec.durability, self.spec.dimension
         replay = level == "replay"
@@ -137,10 +134,7 @@ class SessionFolder:
     def load(self) -> tuple[Journal, list[PartitionMesh]]:
         """Open the journal and read the mesh; a session that is refused is not changed.
 
-        Raises
-        ------
-        DataLoss
-            If anything does not verify.
+        Raises DataLoss if anything does not verify.
         """
         found = read_journal(self.path, self._files)
         foundation = found.ledger.foundation
@@ -184,12 +178,8 @@ class SessionStore:
     def create(self, spec: SessionSpec) -> SessionFolder:
         """Make a folder for a new session, held by this process.
 
-        Raises
-        ------
-        SessionError
-            If there is a session with this id.
-        ResourceExhausted
-            RESOURCE_EXHAUSTED.DISK if the disk cannot store it.
+        Raises SessionError if there is a session with this id. Raises ResourceExhausted: RESOURCE_EXHAUSTED.DISK if the
+        disk cannot store it.
         """
         path = self._path(spec.session)
         lock, made = None, False
@@ -217,11 +207,8 @@ class SessionStore:
     def open(self, session: str, token: bytes) -> SessionFolder:
         """Open an existing session's folder, and hold it in this process.
 
-        Raises
-        ------
-        SessionError
-            NOT_FOUND, the same for an unknown session, a wrong token, and a session that was never built;
-            UNAVAILABLE.STARTING while another process holds it.
+        Raises SessionError: NOT_FOUND, the same for an unknown session, a wrong token, and a session that was never
+        built; UNAVAILABLE.STARTING while another process holds it.
         """
         self.check_token(session, token)
         path = self._path(session)
@@ -248,10 +235,7 @@ class SessionStore:
     def owner(self, session: str) -> str | None:
         """The public key of a stored session's owner, ``""`` if it was opened without keys; None: no such session.
 
-        Raises
-        ------
-        DataLoss
-            If the session's spec cannot be read.
+        Raises DataLoss if the session's spec cannot be read.
         """
         if not self._is_stored(session):
             return None
@@ -260,10 +244,8 @@ class SessionStore:
     def check_token(self, session: str, token: bytes) -> StoredSpec:
         """The spec of the session with this token.
 
-        Raises
-        ------
-        SessionError
-            NOT_FOUND, the same for an unknown session, a wrong token, and a session that was never built.
+        Raises SessionError: NOT_FOUND, the same for an unknown session, a wrong token, and a session that was never
+        built.
         """
         if not self._is_stored(session):
             raise _not_found(session)
@@ -275,10 +257,7 @@ class SessionStore:
     def names(self) -> list[str]:
         """Names of folders that may be sessions, by id.
 
-        Raises
-        ------
-        ResourceExhausted
-            RESOURCE_EXHAUSTED.DISK if the disk fails.
+        Raises ResourceExhausted: RESOURCE_EXHAUSTED.DISK if the disk fails.
         """
         try:
             failpoint("store.list")
@@ -303,22 +282,13 @@ class SessionStore:
         return self._listing.describe(self._path(session))
 
     def sessions(self) -> list[StoredSession]:
-        """The sessions that can be resumed, by id.
-
-        Raises
-        ------
-        ResourceExhausted
-            As :meth:`names`.
-        """
+        """The sessions that can be resumed, by id. Raises ResourceExhausted as :meth:`names`."""
         return [self.describe(name) for name in self.names() if self.owner_listed(name) is not None]
 
     def discard(self, session: str) -> None:
         """Delete a session that this process or no process holds; not an error if it is gone.
 
-        Raises
-        ------
-        ResourceExhausted
-            RESOURCE_EXHAUSTED.DISK if the disk refuses it; the session is then unchanged.
+        Raises ResourceExhausted: RESOURCE_EXHAUSTED.DISK if the disk refuses it; the session is then unchanged.
         """
         path = self._path(session)
         # rename first: a session that a crash has deleted in part is no session
@@ -374,10 +344,7 @@ class SessionStore:
     def _is_stored(self, session: str) -> bool:
         """Whether there is such a session; a session whose folder lost files still exists, with lost data.
 
-        Raises
-        ------
-        ResourceExhausted
-            RESOURCE_EXHAUSTED.DISK if the folder cannot be read.
+        Raises ResourceExhausted: RESOURCE_EXHAUSTED.DISK if the folder cannot be read.
         """
         if not _SESSION_ID.fullmatch(session):
             return False

@@ -20,12 +20,8 @@ def never_built(files: FileSystem, folder: Path) -> bool:
     """Whether a session's folder is marked as unbuilt and has no data of BUILD or of a commit, or has only a lock.
 
     The mark alone is no proof: an older backup may restore it next to newer files. ``manifest.new`` is made after the
-    manifest; slots are blank, and the boundary is not in the history, until the first commit.
-
-    Raises
-    ------
-    OSError
-        If the folder cannot be read, so that the answer is unknown.
+    manifest; slots are blank, and the boundary is not in the history, until the first commit. Raises OSError if the
+    folder cannot be read, so that the answer is unknown.
     """
     if any(files.exists(folder / name) for name in (MANIFEST, NEXT_MANIFEST)):
         return False
@@ -46,13 +42,7 @@ def _has_record(files: FileSystem, slot: Path) -> bool:
 
 
 def mark_built(files: FileSystem, folder: Path) -> None:
-    """Remove the mark; durable on return.
-
-    Raises
-    ------
-    OSError
-        If the disk fails.
-    """
+    """Remove the mark; durable on return. Raises OSError if the disk fails."""
     if files.exists(folder / UNBUILT):
         files.remove(folder / UNBUILT)
         files.sync_folder(folder)

@@ -92,88 +92,49 @@ class Built:
 
 @dataclass(frozen=True, eq=False)
 class MoveOutcome:
-    """The result of a Move.
-
-    Attributes
-    ----------
-    motion : Motion
-        The motion of the numerics.
-    displacements : one (n_p, d) array per partition, mesh length unit
-        Displacements of all its nodes, in its own order and in the frame of the request.
-    faces : tuple of FaceMeasures
-        Measures of the reference mesh and of the trial; empty if they were not requested, and in one dimension.
-    field : Field, optional
-        The displacement from the reference mesh, if the client evaluates it.
-    velocity : (n, d) array, optional, mesh length unit per second
-        Velocities of all nodes, if requested.
-    """
+    """The result of a Move."""
 
     step: int
     iteration: int
-    motion: Motion
+    motion: Motion  # the motion of the numerics
+    #: one (n_p, d) array per partition, mesh length unit. Displacements of all its nodes, in its own order and in the
+    #: frame of the request.
     displacements: list[Floats]
+    #: Measures of the reference mesh and of the trial; empty if they were not requested, and in one dimension.
     faces: tuple[FaceMeasures, ...] = ()
-    field: Field | None = None
+    field: Field | None = None  # the displacement from the reference mesh, if the client evaluates it
+    #: (n, d), mesh length unit per second. Velocities of all nodes, if requested.
     velocity: Floats | None = None
 
 
 @dataclass(frozen=True)
 class VelocityAsked:
-    """The velocities that a Move requests in addition to displacements.
+    """The velocities that a Move requests in addition to displacements."""
 
-    Attributes
-    ----------
-    scheme : {"tangent", "bdf1", "bdf2", "bossak"}
-    time : float or None
-        Time of the step, seconds.
-    boundary : one (k_p, d) array per partition
-        With "tangent": velocities of its moving nodes.
-    """
-
-    scheme: str
-    time: float | None = None
-    boundary: Sequence[Floats] = ()
+    scheme: str  # {"tangent", "bdf1", "bdf2", "bossak"}
+    time: float | None = None  # time of the step, seconds
+    boundary: Sequence[Floats] = ()  # one (k_p, d) array per partition. With "tangent": velocities of its moving nodes
 
 
 @dataclass(frozen=True, eq=False)
 class CommitOutcome:
-    """The result of a Commit, which becomes durable at once or later.
+    """The result of a Commit, which becomes durable at once or later."""
 
-    Attributes
-    ----------
-    step, durable_step : int
-        The step of the commit, and the last step that survives a power loss after the answer.
-    digest : bytes
-        State digest, see :mod:`mesh_motion_protocol.digests`.
-    quality : QualitySummary or LowestQuality
-        Quality of the committed coordinates.
-    corrected, level
-        As in :class:`.state.CommittedState`.
-    """
-
+    #: step, durable_step: the step of the commit, and the last step that survives a power loss after the answer
     step: int
     durable_step: int
-    digest: bytes
-    quality: Judgement
+    digest: bytes  # state digest, see :mod:`mesh_motion_protocol.digests`
+    quality: Judgement  # quality of the committed coordinates
+    #: corrected, level: as in :class:`.state.CommittedState`
     corrected: bool = False
     level: TimeLevel = field(default_factory=TimeLevel)
 
 
 @dataclass(frozen=True, eq=False)
 class Verdict:
-    """The result of a Judge.
+    """The result of a Judge."""
 
-    Attributes
-    ----------
-    standard : QualitySummary
-        Quality of the mesh before its correction.
-    extent : Extent or None
-        The region that must be corrected first.
-    correction : Correction or None
-        The correction that was already done.
-    """
-
-    standard: QualitySummary
-    extent: Extent | None
+    standard: QualitySummary  # quality of the mesh before its correction
+    extent: Extent | None  # the region that must be corrected first
     warnings: list[str] = field(default_factory=list)
-    correction: Correction | None = None
+    correction: Correction | None = None  # the correction that was already done

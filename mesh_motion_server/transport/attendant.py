@@ -85,10 +85,7 @@ class Attendant:
     def await_word(self) -> None:
         """Wait until the first process listens, if an address is set.
 
-        Raises
-        ------
-        EndpointError
-            If its address cannot be bound.
+        Raises EndpointError if its address cannot be bound.
         """
         if self.child is None or (self.child.channel.pending(_SECONDS) and self.spoke() and self.child.spoke):
             return

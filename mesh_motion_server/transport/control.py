@@ -182,10 +182,7 @@ class Control:
     def _found(self, request: Resume | Probe, user: str) -> Live | None:
         """Return the session of a request, None for one that only the store has.
 
-        Raises
-        ------
-        SessionError
-            NOT_FOUND, the same for an unknown session, a wrong token, and another user's session.
+        Raises SessionError: NOT_FOUND, the same for an unknown session, a wrong token, and another user's session.
         """
         try:
             return self._look_up(request, user)

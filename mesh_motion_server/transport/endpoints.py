@@ -33,32 +33,18 @@ class EndpointError(MeshMotionError):
 
 @dataclass(frozen=True)
 class Endpoint:
-    """The address of the control endpoint.
+    """The address of the control endpoint."""
 
-    Attributes
-    ----------
-    scheme : {"tcp", "ipc"}
-    host : str
-        tcp: the address; empty for ipc.
-    port : int
-        tcp: 0 lets the system choose.
-    path : str
-        ipc: the socket's file.
-    """
-
-    scheme: str
-    host: str = ""
-    port: int = 0
-    path: str = ""
+    scheme: str  # {"tcp", "ipc"}
+    host: str = ""  # tcp: the address; empty for ipc
+    port: int = 0  # tcp: 0 lets the system choose
+    path: str = ""  # ipc: the socket's file
 
     @classmethod
     def parse(cls, text: str) -> Endpoint:
         """Read ``tcp://HOST:PORT`` or ``ipc://PATH``.
 
-        Raises
-        ------
-        EndpointError
-            If it is neither, the port is invalid, or the path is too long for the kernel.
+        Raises EndpointError if it is neither, the port is invalid, or the path is too long for the kernel.
         """
         scheme, separator, rest = text.partition("://")
         if separator and scheme == "tcp":
@@ -122,15 +108,12 @@ def _short_enough(path: str) -> str:
 def lock_folder(endpoint: Endpoint) -> TextIO | None:
     """Make an ipc endpoint's folder private and take its lock: binding over a live server would steal its endpoint.
 
+    Raises EndpointError if other users may enter the folder, or a live server holds the lock.
+
     Returns
     -------
     file or None
         Keep it open as long as the endpoint is in use; None for tcp.
-
-    Raises
-    ------
-    EndpointError
-        If other users may enter the folder, or a live server holds the lock.
     """
     if endpoint.scheme != "ipc":
         return None
@@ -176,13 +159,7 @@ def bind(socket: zmq.Socket[bytes], address: str) -> str:
 
 
 def bind_first(socket: zmq.Socket[bytes], addresses: Iterable[str]) -> str:
-    """Bind to the first free address.
-
-    Raises
-    ------
-    EndpointError
-        If none is free.
-    """
+    """Bind to the first free address. Raises EndpointError if none is free."""
     busy = []
     for address in addresses:
         try:

@@ -234,12 +234,7 @@ def _authenticator(context: zmq.Context[zmq.Socket[bytes]], protection: Protecti
 def _listen(
     socket: zmq.Socket[bytes], address: str, protection: Protection | None, authenticator: Authenticator | None
 ) -> str:
-    """Bind; with keys, only if real connections show that they are checked.
-
-    Raises
-    ------
-    ProtectionError
-    """
+    """Bind; with keys, only if real connections show that they are checked. Raises ProtectionError."""
     if protection is None or authenticator is None:
         return bind(socket, Endpoint.parse(address).address)
     protection.protect(socket)

@@ -77,10 +77,7 @@ class GatewayLine:
     def start(self) -> None:
         """Start the gateway for the first time; it listens on return.
 
-        Raises
-        ------
-        EndpointError
-            If it cannot listen; ProtectionError if it admits or refuses the wrong keys.
+        Raises EndpointError if it cannot listen; ProtectionError if it admits or refuses the wrong keys.
         """
         self._attempts.note(time.monotonic())
         gateway = self._launch(self.endpoint)

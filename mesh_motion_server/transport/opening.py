@@ -20,17 +20,13 @@ _NO_PLACE = "RESOURCE_EXHAUSTED.SESSIONS"
 def check_open(request: Open, limits: ServerSettings) -> str:
     """Check an OPEN against the server's limits.
 
+    Raises InvalidInput; the message names the field or the setting, and its value. Raises ResourceExhausted if the
+    request asks for more bytes than a session may have.
+
     Returns
     -------
     str
         The durability level to use.
-
-    Raises
-    ------
-    InvalidInput
-        The message names the field or the setting, and its value.
-    ResourceExhausted
-        If the request asks for more bytes than a session may have.
     """
     if request.partitions > limits.max_partitions:
         raise InvalidInput(
@@ -57,10 +53,8 @@ def check_open(request: Open, limits: ServerSettings) -> str:
 def check_room(request: Open, limits: ServerSettings, disk: DiskWatch) -> None:
     """Refuse a new session that would take the disk or memory reserve of the running sessions.
 
-    Raises
-    ------
-    ResourceExhausted
-        RESOURCE_EXHAUSTED.DISK or .SESSIONS, with the remaining amount; a later request may succeed.
+    Raises ResourceExhausted: RESOURCE_EXHAUSTED.DISK or .SESSIONS, with the remaining amount; a later request may
+    succeed.
     """
     free, wanted = disk.fresh().free, limits.reserve_disk_bytes + request.bytes_reserved
     if free < wanted:
@@ -96,10 +90,7 @@ class QuotaReached(ResourceExhausted):
 def check_place(registry: Registry, settings: ServerSettings, user: str) -> None:
     """Raise if there is no place for one more worker, or none for this user.
 
-    Raises
-    ------
-    ResourceExhausted
-        RESOURCE_EXHAUSTED.SESSIONS.
+    Raises ResourceExhausted: RESOURCE_EXHAUSTED.SESSIONS.
     """
     working, most = registry.working(), settings.max_sessions_per_key
     if user and most is not None and sum(live.owner == user for live in working) >= most:

@@ -60,22 +60,12 @@ _COUNTED_SECONDS = 3600.0
 
 @dataclass(eq=False)
 class Child:
-    """A child process and the line to it.
+    """A child process and the line to it."""
 
-    Attributes
-    ----------
-    pid : int
-        Process id; 0 until a child forked by the template has reported it.
-    template : Child, optional
-        The process that forks it, if not the supervisor.
-    spoke : bool
-        Whether it has sent a message.
-    """
-
-    pid: int
+    pid: int  # process id; 0 until a child forked by the template has reported it
     channel: Channel
-    template: Child | None = None
-    spoke: bool = False
+    template: Child | None = None  # the process that forks it, if not the supervisor
+    spoke: bool = False  # whether it has sent a message
 
     def kill(self) -> None:
         """Kill the child at once; its channel then reads as closed.
@@ -144,14 +134,9 @@ def spawn(module: str, *arguments: str, threads: int = 1, fresh: bool = False) -
 
     With ``fresh`` the child starts as ``python -m module DESCRIPTOR arguments…``, without the supervisor's memory.
 
-    The compiled loops of the child have their own threads, which sleep while they wait: while a solver uses every
-    core, spinning threads take three times as long. This process must have no zmq context, and no thread that holds a
-    lock which the child needs.
-
-    Raises
-    ------
-    OSError
-        If the system refuses the fork.
+    The compiled loops of the child have their own threads, which sleep while they wait: while a solver uses every core,
+    spinning threads take three times as long. This process must have no zmq context, and no thread that holds a lock
+    which the child needs. Raises OSError if the system refuses the fork.
     """
     failpoint("supervisor.spawn")
     channel, line = Channel.pair()
@@ -258,12 +243,7 @@ def fork_from_template() -> bool:
     """Fork a child of this process' parent; return True in the child.
 
     The process between the two ends at once, so that the supervisor (:func:`adopt_orphans`) becomes the parent of the
-    child. Only the supervisor collects exit statuses.
-
-    Raises
-    ------
-    OSError
-        If the system refuses.
+    child. Only the supervisor collects exit statuses. Raises OSError if the system refuses.
     """
     failpoint("template.fork")
     supervisor = os.getppid()

@@ -45,30 +45,17 @@ _DOMAIN = b"mesh-motion"
 
 @dataclass(frozen=True)
 class Protection:
-    """The data with which a process protects its sockets; sent over channels, never on command lines.
+    """The data with which a process protects its sockets; sent over channels, never on command lines."""
 
-    Attributes
-    ----------
-    secret : str
-        The server's secret key, Z85.
-    allow_list : str
-        Path of the allow-list.
-    handshakes : str
-        The gateway's ipc endpoint for handshake requests of workers.
-    """
-
-    secret: str = field(repr=False)
-    allow_list: str
-    handshakes: str = ""
+    secret: str = field(repr=False)  # the server's secret key, Z85
+    allow_list: str  # path of the allow-list
+    handshakes: str = ""  # the gateway's ipc endpoint for handshake requests of workers
 
     @classmethod
     def of_folder(cls, folder: Path) -> Protection:
         """Read the keys that ``mesh-motion keys server`` made.
 
-        Raises
-        ------
-        EndpointError
-            If CURVE, a key or the allow-list is missing, wrong, or open to others.
+        Raises EndpointError if CURVE, a key or the allow-list is missing, wrong, or open to others.
         """
         try:
             require_curve()
@@ -170,11 +157,8 @@ class Rights:
     def check(self, user: str, request: Message) -> Verdict:
         """Return USE or OVERSEE.
 
-        Raises
-        ------
-        SessionError
-            UNAUTHENTICATED for a key removed from the list, NOT_FOUND or PERMISSION_DENIED according to the table,
-            UNAVAILABLE while the allow-list cannot be used.
+        Raises SessionError: UNAUTHENTICATED for a key removed from the list, NOT_FOUND or PERMISSION_DENIED according
+        to the table, UNAVAILABLE while the allow-list cannot be used.
         """
         verdict = decide(self._access.roles(user), request.type, own=self.is_owner(user))
         if verdict not in (Verdict.USE, Verdict.OVERSEE):

@@ -100,10 +100,7 @@ class RequestBook:
     def enter(self, peer: bytes, user: str, request: Message) -> tuple[Asked, bool]:
         """Return the entry of a request, and whether it is new.
 
-        Raises
-        ------
-        SessionError
-            ABORTED.CONFLICT if the id was used for different content.
+        Raises SessionError: ABORTED.CONFLICT if the id was used for different content.
         """
         own = self._users.setdefault(user, OrderedDict())
         key, content = (request.client, request.sequence), request_digest(request)
@@ -141,10 +138,7 @@ class Registry:
     def owner(self, session: str) -> str | None:
         """Return the public key of a session's owner, empty if opened without keys; None if there is no such session.
 
-        Raises
-        ------
-        DataLoss
-            If the owner of the stored session cannot be read.
+        Raises DataLoss if the owner of the stored session cannot be read.
         """
         live = self.live.get(session)
         if live is not None:
@@ -154,10 +148,7 @@ class Registry:
     def authorised(self, session: str, token: bytes) -> Live | None:
         """Return the live session, or None for one that only the store has.
 
-        Raises
-        ------
-        SessionError
-            NOT_FOUND, the same for an unknown session and a wrong token.
+        Raises SessionError: NOT_FOUND, the same for an unknown session and a wrong token.
         """
         live = self.live.get(session)
         if live is None:

@@ -32,12 +32,7 @@ class ProtectionError(EndpointError):
 
 
 def check_admits(endpoint: str, protection: Protection, secret: bytes, turn: Turn) -> None:
-    """Raise unless a client with this secret key gets a connection.
-
-    Raises
-    ------
-    ProtectionError
-    """
+    """Raise ProtectionError unless a client with this secret key gets a connection."""
     if not _connects(endpoint, protection, secret, turn):
         raise ProtectionError(
             f"the self-test failed: {endpoint} does not admit an allowed key",
@@ -46,12 +41,7 @@ def check_admits(endpoint: str, protection: Protection, secret: bytes, turn: Tur
 
 
 def check_refuses(endpoint: str, protection: Protection, turn: Turn = lambda: None) -> None:
-    """Raise if a client with an unknown key or without a key gets a connection.
-
-    Raises
-    ------
-    ProtectionError
-    """
+    """Raise ProtectionError if a client with an unknown key or without a key gets a connection."""
     _, stranger = zmq.curve_keypair()
     for who, secret in (("an unknown key", stranger), ("a client without a key", b"")):
         if _connects(endpoint, protection, secret, turn):

@@ -25,19 +25,14 @@ class StateFolder:
     """The state folder, held by this process until it ends.
 
     The kernel ends the locks together with their process: after a crash the folder is unlocked. The folder itself is
-    locked too, because its file may be removed while the server runs.
+    locked too, because its file may be removed while the server runs. Raises EndpointError if other users may write to
+    the folder, or put another in its place. Raises ResourceExhausted: UNAVAILABLE while another server holds the
+    folder; RESOURCE_EXHAUSTED.DISK if the system refuses.
 
     Parameters
     ----------
     root : Path
         The folder; made with mode 0700 if it is missing.
-
-    Raises
-    ------
-    EndpointError
-        If other users may write to the folder, or put another in its place.
-    ResourceExhausted
-        UNAVAILABLE while another server holds the folder; RESOURCE_EXHAUSTED.DISK if the system refuses.
     """
 
     def __init__(self, root: Path) -> None:
@@ -81,10 +76,7 @@ class StateFolder:
     def name_holder(self, endpoint: str) -> None:
         """Write this server as the holder, for the error of another server.
 
-        Raises
-        ------
-        ResourceExhausted
-            RESOURCE_EXHAUSTED.DISK if the disk cannot store it.
+        Raises ResourceExhausted: RESOURCE_EXHAUSTED.DISK if the disk cannot store it.
         """
         text = json.dumps({"pid": os.getpid(), "host": socket.gethostname(), "endpoint": endpoint}).encode()
         try:

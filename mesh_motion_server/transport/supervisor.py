@@ -102,15 +102,12 @@ class Supervisor:
     def start(self) -> dict[str, str]:
         """Start gateway, attendants and the template of the workers.
 
+        Raises EndpointError if an endpoint cannot be bound; ProtectionError if it admits or refuses the wrong keys.
+
         Returns
         -------
         dict
             ``endpoint`` of clients, ``metrics`` and ``monitor``; "" if not configured.
-
-        Raises
-        ------
-        EndpointError
-            If an endpoint cannot be bound; ProtectionError if it admits or refuses the wrong keys.
         """
         adopt_orphans()
         self._gateway.start()

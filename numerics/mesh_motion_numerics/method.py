@@ -21,38 +21,20 @@ Needs = Mapping[str, Mapping[str, tuple[str, ...]]]
 
 @dataclass(frozen=True, kw_only=True)
 class Key:
-    """The data of a key, apart from its name.
+    """The data of a key, apart from its name."""
 
-    Attributes
-    ----------
-    default : str, int, float, bool or None
-        None: chosen by the server.
-    group : str
-        Heading of docs/method.md under which the key is described.
-    meaning : str
-        Meaning of the key, in one sentence.
-    when : str
-        When to change it, Markdown; links are relative to ``docs/``.
-    remark : str
-        Why an expected choice does not exist; shown in parentheses after the expected values.
-    choices : tuple of str
-        Allowed values of a text. They are listed here because processes without scipy and the compiled loops check
-        them.
-    above, low, high : float or None
-        Range of a number: larger than ``above``; from ``low``; up to ``high``.
-    needs : mapping
-        Choice → other key → values that the other key may have with this choice.
-    """
-
-    default: str | float | bool | None
-    group: str
-    meaning: str
-    when: str
+    default: str | float | bool | None  # None: chosen by the server
+    group: str  # heading of docs/method.md under which the key is described
+    meaning: str  # meaning of the key, in one sentence
+    when: str  # when to change it, Markdown; links are relative to ``docs/``
+    #: Allowed values of a text. They are listed here because processes without scipy and the compiled loops check them.
     choices: tuple[str, ...] = ()
-    remark: str = ""
+    remark: str = ""  # why an expected choice does not exist; shown in parentheses after the expected values
+    #: above, low, high: range of a number: larger than ``above``; from ``low``; up to ``high``
     above: float | None = None
     low: float | None = None
     high: float | None = None
+    #: Choice → other key → values that the other key may have with this choice.
     needs: Needs = field(default_factory=dict)
 
     @property

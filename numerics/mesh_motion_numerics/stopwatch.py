@@ -53,10 +53,7 @@ def time_limit(seconds: float) -> Iterator[None]:
 def check_time() -> None:
     """Raise if the time is over; called between the parts of a long computation, which has changed nothing yet.
 
-    Raises
-    ------
-    Timeout
-        If the caller's time limit is over.
+    Raises Timeout if the caller's time limit is over.
     """
     end, seconds = _END.get()
     if time.monotonic() > end:

@@ -67,9 +67,7 @@ def test_the_folder_for_temporary_files_may_have_a_long_path(tmp_path, monkeypat
 
 @pytest.mark.parametrize("closed", ["0<&-", "1>&-", "2>&-", "0<&- 1>&- 2>&-"])
 def test_standard_descriptors_may_be_closed(tmp_path, closed):
-    """Without standard streams, as in cron, daemons and ranks of MPI: client and server do not use their numbers for
-    pipes.
-    """
+    """Client and server do not use the numbers of closed standard streams (cron, daemons, ranks of MPI) for pipes."""
     program = (
         "import sys; from mesh_motion_client import connect\nwith connect() as s: open(sys.argv[1], 'w').write('ok')"
     )

@@ -1,4 +1,4 @@
-"""With any fault: every request executes once, and the result is that of an undisturbed run."""
+"""Every request is executed once under any fault, and the result is that of an undisturbed run."""
 
 import os
 import signal

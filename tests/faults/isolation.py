@@ -115,7 +115,7 @@ def measured(
 ) -> dict[str, list[float]]:
     """Send this number of PINGs, and more until each neighbour has done all its harm once.
 
-    Raises BrokenPromise if a PING is not answered, or the neighbours cannot do their harm.
+    Raises BrokenPromise if a PING is not answered, or a neighbour does not manage to disturb the server.
     """
     times: dict[str, list[float]] = {}
     deadline = time.monotonic() + 3 * _PATIENCE + count

@@ -113,7 +113,7 @@ class Lane:
         self.driver.check_points()
 
     def _run_corrupted(self, rng: Random) -> None:
-        """Without keys: use a session and discard it afterwards, because its inputs are unknown."""
+        """Use a session without keys and discard it afterwards, because its inputs are unknown."""
         faults = [_fault(rng, rng.choice(CORRUPTING), "go on") for _ in range(2)]
         self.network.arm(faults)
         mistaken = self.driver.step_of_doubt()

@@ -72,7 +72,7 @@ class Book:
         return len(later) >= self._kept + (not entry.known)
 
     def is_clear(self, entry: Entry) -> bool:
-        """Whether SPEC.md allows only one answer to a repeat: refused requests may count as kept or not."""
+        """Whether SPEC.md allows only one answer to a repeat; it leaves open whether refused requests count as kept."""
         if entry.known:
             return len(self._later(entry)) < self._kept or self._surely_dropped(entry)
         return sum(other.known for other in self.entries) <= self._kept or self._surely_dropped(entry)

@@ -1,4 +1,4 @@
-"""The row of isolation: its verdict, servers that are not isolated, and the row itself once."""
+"""The row of isolation: its verdict, its verdict on servers that are not isolated, and one run of the row."""
 
 import subprocess
 import sys

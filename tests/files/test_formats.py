@@ -247,7 +247,7 @@ def test_a_file_of_another_kind_is_named(tmp_path: Path, name: str, content: str
 
 @pytest.mark.parametrize("row", FORMATS, ids=lambda row: row.name)
 def test_no_head_is_sought_over_blank_lines(row: Format) -> None:
-    """From the start of each line ``\\s*`` takes all blank lines that follow: the square of their number."""
+    """``\\s*`` takes all blank lines after each line: the work grows with the square of their number."""
     pattern = row.head.pattern
     assert not (row.head.flags & re.MULTILINE and rb"^\s" in pattern), pattern
 

@@ -236,7 +236,7 @@ def test_a_plane_across_y_keeps_its_cells_upright(foam_case: Callable[..., Path]
 
 
 def test_one_layer_between_wedge_patches_is_a_plane(foam_case: Callable[..., Path]) -> None:
-    """In the form that the motion solver moves: the two coordinates in the plane, and the axis as a separate patch."""
+    """The motion solver moves two coordinates in the plane, and has the axis as a separate patch; so does this form."""
     mesh = read_mesh(foam_case("wedge"))
     assert {name: len(nodes) for name, nodes in mesh.cells.items()} == {"quad": 12}
     assert {name: len(nodes) for name, nodes in mesh.patches.items()} == {"rest": 11, "back": 5}

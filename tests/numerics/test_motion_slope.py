@@ -203,7 +203,7 @@ def test_at_rest_it_is_that_of_the_plain_motion() -> None:
 
 
 def test_a_rigid_motion_of_everything_is_one_of_all_nodes() -> None:
-    """Without fixed nodes: the velocities of a turn about a point and a shift."""
+    """Velocities of a mesh without fixed nodes that turns about a point and shifts."""
     points, cells, patches = all_moving("tetra")
     model, factors = MotionModel.build(points, cells, patches, Method()), FactorCache(1 << 28)
     spin = np.array([[0.0, -0.3, 0.1], [0.3, 0.0, -0.2], [-0.1, 0.2, 0.0]])

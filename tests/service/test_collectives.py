@@ -4,9 +4,12 @@ disagreement.
 
 from typing import Any
 
+import numpy as np
 import pytest
-from mesh_motion_protocol.messages import Commit, Status
+from mesh_motion_protocol.messages import Commit, Move, Status
+from real_sessions import new_session
 
+from mesh_motion_server.service.move import of_all
 from mesh_motion_server.session.history.events import read_events
 from mesh_motion_server.settings import ServerSettings
 from tests.faults.driver import SESSION, make_driver, resume_driver
@@ -51,8 +54,33 @@ def test_a_partition_without_moving_nodes_takes_part(store: Any) -> None:
     assert moved[1].displacement.shape == meshes[1].points.shape
 
 
+def test_partitions_that_name_other_times_are_refused(pair: Any) -> None:
+    rows = pair.displacement(1)
+    for kind, fields in ((Move, [{"displacement": own} for own in rows]), (Commit, [{}, {}])):
+        assert pair.send(pair.request(kind, 0, step=1, time=1.0, **fields[0])) == []
+        refused = pair.send(pair.request(kind, 1, step=1, time=2.0, **fields[1]))
+        assert [reply.code for reply in refused] == 2 * ["INVALID_ARGUMENT.PARTITION"]
+        assert "time 1.0" in refused[0].message
+        assert "time 2.0" in refused[0].message
+        pair.move(1)
+
+
+def test_the_headroom_of_all_partitions_is_that_in_steps(store: Any) -> None:
+    """Alerts use it; each partition may ask for another one."""
+    pair = new_session(store, split_mesh(grid_mesh(), 2, 3))
+    pair.open()
+    replies = []
+    for partition, along in enumerate(("displacement", "step")):
+        rows = np.full((len(pair.moving[partition]), 2), 0.01)
+        fields = {"step": 1, "displacement": rows, "report": "headroom", "headroom_along": along}
+        replies += pair.send(pair.request(Move, partition, **fields))
+    assert [reply.headroom["along"] for reply in replies] == ["displacement", "step"]
+    assert of_all(replies).headroom == replies[1].headroom
+    pair.host.close()
+
+
 def test_the_end_of_the_run_is_shown_until_another_one_is(pair: Any, store: Any) -> None:
-    """With several partitions the largest value counts: each partition may estimate it separately."""
+    """The largest value of all partitions counts, because each of them may estimate it separately."""
     pair.move(1)
     replies = pair.send(pair.request(Commit, 0, step=1, final_step=40))
     replies += pair.send(pair.request(Commit, 1, step=1, final_step=50))

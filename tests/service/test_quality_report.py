@@ -6,6 +6,7 @@ import numpy as np
 from mesh_motion_protocol.messages import Commit, Move, Rollback
 from real_sessions import new_session
 
+from mesh_motion_server.service.reports import shortened
 from tests.faults.driver import SESSION
 from tests.faults.stand_in import grid_mesh
 
@@ -66,3 +67,17 @@ def test_displacement_and_refusal_do_not_depend_on_it(store: Any) -> None:
     assert (refused.code, refused.message, refused.details) == (
         first_refused.code, first_refused.message, first_refused.details,
     )  # fmt: skip
+
+
+def test_a_list_of_warnings_ends_with_the_number_of_the_others() -> None:
+    """A header holds at most 256 items: 100 warnings and one line."""
+    many = [f"warning {number}" for number in range(250)]
+    assert shortened(many[:100]) == many[:100]
+    assert shortened(many) == [*many[:100], "and 150 more"]
+
+
+def test_headroom_beyond_the_horizon_is_left_out(store: Any) -> None:
+    pair = opened(store)
+    (moved,) = pair.all(Move, pushed(pair, 0.0), step=1, report="headroom")
+    assert moved.headroom == {"along": "step"}
+    pair.host.close()

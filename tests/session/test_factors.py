@@ -39,6 +39,21 @@ def test_factors_that_a_step_has_not_used_are_dropped_at_its_commit() -> None:
         assert len(cache) == 2
 
 
+def test_room_is_made_before_a_large_entry() -> None:
+    """Old and new entries together could exceed the memory limit of the process."""
+    cache, held = FactorCache(100), []
+
+    def large() -> Sized:
+        held.append(cache.nbytes)
+        return Sized(80)
+
+    for key in (b"a", b"b", b"c"):
+        cache.get_or_make(key, lambda: Sized(30))
+    cache.get_or_make(b"d", large)
+    assert held == [30]
+    assert cache.nbytes == 80
+
+
 def test_kinds_share_one_budget_and_are_kept_apart() -> None:
     cache = FactorCache(100)
     factorization, _ = cache.get_or_make(b"a", lambda: Sized(40))

@@ -71,7 +71,7 @@ class VolumeVertices:
 
     @classmethod
     def prepare(cls, coupling: Coupling, volume: Volume, mesh: Mesh) -> VolumeVertices:
-        """Before ``initialize``: provide one vertex for each node, or request the whole received mesh."""
+        """Provide one vertex for each node, or request the whole received mesh; called before ``initialize``."""
         for data in filter(None, (volume.data, volume.velocity)):
             _check_dimension(coupling, volume.mesh, data, mesh)
         vertices = cls._requested(coupling, volume, mesh) if volume.received else cls._provided(coupling, volume, mesh)
@@ -101,7 +101,7 @@ class VolumeVertices:
         return cls(volume, np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int32))
 
     def settled(self, coupling: Coupling, mesh: Mesh) -> VolumeVertices:
-        """After ``initialize``: find the node at each vertex of a received mesh.
+        """Find the node at each vertex of a received mesh; called after ``initialize``.
 
         Raises
         ------

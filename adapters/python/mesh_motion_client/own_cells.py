@@ -51,7 +51,7 @@ class OwnCells:
         }
 
     def keep(self, step: int) -> None:
-        """After a commit: keep the trial's correction as that of the committed state."""
+        """Keep the committed trial's correction as that of the committed state."""
         self._corrected = {known: found for known, found in self._corrected.items() if known == step}
 
     def forget(self) -> None:

@@ -191,7 +191,7 @@ class Move(SessionMessage):
     velocity: TimeScheme = ""  # the scheme of MOVED's velocity: section 25
     compute_limit_ms: Count = 0  # the server gives up computing after so many milliseconds: section 7; 0 = never
     memory: dict[str, Any] = field(default_factory=dict)  # where MOVED may put large arrays: section 22; not content
-    field_known: bool = False  # of the field only the coefficients are wanted: section 23
+    field_known: bool = False  # only the coefficients of the field are requested: section 23
     displacement: FloatMoving  # of the moving nodes (BUILT.moving_nodes), mesh length unit
     boundary_velocity: FloatMovingIfGiven = None  # of the moving nodes, with the velocity "tangent"
     swept_faces: CornerNodes = None  # with the report "swept", the nodes of each face; left out: all faces of the cells

@@ -39,7 +39,7 @@ CHOICES = ("mesh", "motion")
 CANDIDATES = (0.625, 1.0, 1.75)
 """Diameters of the largest ball between the boundaries; R is above them but in far fields."""
 CLEARLY = 0.02
-"""Of the larger minimum quality: what another radius has to gain over the mesh's own."""
+"""The share of the larger minimum quality that another radius has to gain over the mesh's own."""
 WITHIN = 0.95
 
 

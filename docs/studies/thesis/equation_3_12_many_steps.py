@@ -120,7 +120,7 @@ def _orders(rows: list[list[Cell]]) -> list[Cell]:
 
 
 def claims(outcome: Outcome) -> None:
-    """Check that 16 steps have order and error of one step, and that nothing converges unless the centres move."""
+    """Check that 16 steps have the order and the error of one step, and that they do not converge if centres stay."""
     lines, plane = outcome.tables
     one, _, many, in_place = lines.rows[-1][1:]
     assert all(1.9 < value < 2.1 for value in (one, many))

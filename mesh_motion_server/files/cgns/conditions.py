@@ -15,23 +15,13 @@ _OF_FACETS = ("FaceCenter", "EdgeCenter")
 
 @dataclass(frozen=True, eq=False)
 class Condition:
-    """One boundary condition.
-
-    Attributes
-    ----------
-    location : str
-        The grid location in the file; Gmsh writes CellCenter for faces, too.
-    of_nodes : bool
-        Whether it lists nodes (otherwise elements).
-    values : (k,) array
-        Numbers counted from 1, or the first and the last number of a range.
-    """
+    """One boundary condition."""
 
     node: Node
     patch: str
-    location: str
-    of_nodes: bool
-    values: Integers
+    location: str  # the grid location in the file; Gmsh writes CellCenter for faces, too
+    of_nodes: bool  # whether it lists nodes (otherwise elements)
+    values: Integers  # (k,). Numbers counted from 1, or the first and the last number of a range
     is_range: bool
 
     def elements(self, numbers: Integers) -> Marks:
@@ -46,10 +36,7 @@ class Condition:
     def check(self, facets: Integers, cells: Integers, what: str) -> None:
         """Check that all listed elements are among the ``facets`` or, for a volume, among the ``cells`` (numbers).
 
-        Raises
-        ------
-        InvalidInput
-            If an element is not among them; names the first one.
+        Raises InvalidInput if an element is not among them; names the first one.
         """
         unknown = None if self.of_nodes else self._first_unknown(facets)
         of_a_volume = self.location not in _OF_FACETS and self._first_unknown(cells) is None
@@ -78,10 +65,7 @@ class Condition:
 def read_conditions(base: Node, zone: Node, n_points: int) -> list[Condition]:
     """All boundary conditions of a zone.
 
-    Raises
-    ------
-    InvalidInput
-        If a condition lists nothing, or nodes that do not exist.
+    Raises InvalidInput if a condition lists nothing, or nodes that do not exist.
     """
     return [_read(base, node, n_points) for group in zone.children("ZoneBC_t") for node in group.children("BC_t")]
 

@@ -73,10 +73,7 @@ def _since_3_1(kind: int) -> int:
 def read_elements(section: Node, version: float = 4.0) -> list[Elements | ListedElements]:
     """Read the elements of one section; ``version`` is that of the file.
 
-    Raises
-    ------
-    InvalidInput
-        For types of third and higher order, and for wrong counts.
+    Raises InvalidInput for types of third and higher order, and for wrong counts.
     """
     numbered = _since_3_1 if 3.0 <= version < 3.1 else int
     kind = numbered(int(_first(section, section.integers(), 2)[0]))

@@ -26,11 +26,8 @@ class NumberedFaces:
 def join_faces(zone: Node, points: Floats, sections: list[ListedElements]) -> NumberedFaces:
     """Make the mesh of a zone.
 
-    Raises
-    ------
-    InvalidInput
-        If faces and cells do not fit together, and as
-        :class:`~mesh_motion_server.files.polyhedra.face_mesh.FaceMesh` does.
+    Raises InvalidInput if faces and cells do not fit together, and as
+    :class:`~mesh_motion_server.files.polyhedra.face_mesh.FaceMesh` does.
     """
     polygons = [section for section in sections if section.kind == NGON]
     if not polygons:

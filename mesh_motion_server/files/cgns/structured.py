@@ -64,10 +64,7 @@ def _blocks(zones: list[Node], points: list[Floats]) -> list[_Block]:
 def read_structured(path: Path, base: Node, zones: list[Node], points: list[Floats]) -> MeshFile:
     """The mesh of all zones; ``points`` (n, d) are the coordinates of each.
 
-    Raises
-    ------
-    InvalidInput
-        For conditions and connections that name missing items.
+    Raises InvalidInput for conditions and connections that name missing items.
     """
     pieces = []
     for block in _blocks(zones, points):

@@ -31,10 +31,7 @@ _LINK, _LINK_DATA = b"LK", " link"
 def open_cgns(path: Path) -> Iterator[Node]:
     """The root node of a file.
 
-    Raises
-    ------
-    InvalidInput
-        If it is no HDF5 file, or if h5py raises an error because the file is damaged.
+    Raises InvalidInput if it is no HDF5 file, or if h5py raises an error because the file is damaged.
     """
     with path.open("rb") as file:
         beginning = file.read(32)
@@ -89,13 +86,7 @@ class Node:
         return found
 
     def only(self, label: str, what: str) -> Node:
-        """The only node under this one with a label.
-
-        Raises
-        ------
-        InvalidInput
-            If there are none or several.
-        """
+        """The only node under this one with a label. Raises InvalidInput if there are none or several."""
         found = self.children(label)
         if len(found) != 1:
             names = f": {', '.join(node.name for node in found[:8])}" if found else ""

@@ -39,11 +39,8 @@ _AXES = ("CoordinateX", "CoordinateY", "CoordinateZ")
 def read_cgns(path: Path, zone: str = "") -> MeshFile:
     """Read a mesh from ``.cgns``; ``zone`` selects one of several zones by its name or number.
 
-    Raises
-    ------
-    InvalidInput
-        Without h5py; for ADF files, several bases, several unstructured zones if none is chosen, other elements, and
-        damaged files.
+    Raises InvalidInput without h5py; for ADF files, several bases, several unstructured zones if none is chosen, other
+    elements, and damaged files.
     """
     with open_cgns(path) as root:
         base, nodes = _the_zones(root, zone)

@@ -78,10 +78,7 @@ class _Content:
 def read_gmsh(path: Path) -> MeshFile:
     """Read a mesh from ``.msh``.
 
-    Raises
-    ------
-    InvalidInput
-        For other versions, partitioned meshes, cells of third order and more, and malformed sections.
+    Raises InvalidInput for other versions, partitioned meshes, cells of third order and more, and malformed sections.
     """
     try:
         content = _read_sections(path.read_bytes())

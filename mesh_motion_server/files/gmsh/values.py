@@ -22,10 +22,7 @@ def end_of(data: bytes, name: bytes, start: int) -> int:
 class Values(Protocol):
     """A cursor over a section's numbers.
 
-    Raises
-    ------
-    ValueError
-        When the section ends early or has something that is not a number.
+    Raises ValueError when the section ends early or has something that is not a number.
     """
 
     @property

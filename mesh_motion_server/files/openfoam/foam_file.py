@@ -36,36 +36,22 @@ _TOKEN = re.compile(r'"(?:[^"\\]|\\.)*"|[{}();]|[^\s{}();"]+')
 
 @dataclass(frozen=True, eq=False)
 class FoamFile:
-    """One file.
+    """One file."""
 
-    Attributes
-    ----------
-    path : Path
-        The path, with ``.gz`` if compressed.
-    kind : str
-        Value of ``class`` in the header.
-    label, scalar : dtype
-        Types of labels and scalars in a binary file.
-    header : bytes
-        Everything before the content.
-    """
-
-    path: Path
-    kind: str
+    path: Path  # the path, with ``.gz`` if compressed
+    kind: str  # value of ``class`` in the header
     binary: bool
+    #: label, scalar: types of labels and scalars in a binary file
     label: np.dtype[np.signedinteger]
     scalar: np.dtype[np.floating]
-    header: bytes
+    header: bytes  # everything before the content
     body: bytes
 
     @classmethod
     def find(cls, folder: Path, name: str) -> FoamFile:
         """Read ``name`` or ``name.gz`` in a folder.
 
-        Raises
-        ------
-        InvalidInput
-            If there is no such file, or it has no valid header.
+        Raises InvalidInput if there is no such file, or it has no valid header.
         """
         path = folder / name
         if not path.is_file():
@@ -248,13 +234,9 @@ _BLANKS = bytes.maketrans(b"()", b"  ")
 
 
 def dictionaries(file: FoamFile) -> list[tuple[str, dict[str, str]]]:
-    """The named dictionaries of a list ``n ( name { key value; … } … )``. The count is optional; nested dictionaries
-    are left out.
+    """The named dictionaries of a list ``n ( name { key value; … } … )``, without nested dictionaries.
 
-    Raises
-    ------
-    InvalidInput
-        If a bracket is missing.
+    The count ``n`` is optional. Raises InvalidInput if a bracket is missing.
     """
     tokens = iter(_TOKEN.findall(text_of(_COMMENT.sub(b"", file.body))))
     found: list[tuple[str, dict[str, str]]] = []

@@ -22,23 +22,12 @@ _NO_COMPONENT = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Plane:
-    """A 2D mesh.
+    """A 2D mesh."""
 
-    Attributes
-    ----------
-    points : (n, 2) array
-        First the nodes that are points of the mesh, then the middles of its faces.
-    cells : dict of str to (m, k) arrays
-    node_of : (p,) array
-        The node of each point of the mesh.
-    axis : (a,) array
-        Nodes on the axis of an axisymmetric mesh.
-    """
-
-    points: Floats
-    cells: dict[str, Integers]
-    node_of: Integers
-    axis: Integers
+    points: Floats  # (n, 2). First the nodes that are points of the mesh, then the middles of its faces
+    cells: dict[str, Integers]  # (m, k) each
+    node_of: Integers  # (p,). The node of each point of the mesh
+    axis: Integers  # (a,). Nodes on the axis of an axisymmetric mesh
 
     def edges(self, mesh: FaceMesh, patch: FacePatch) -> Integers:
         """(m, 2) the edges in the plane that represent the faces of a patch."""
@@ -52,10 +41,8 @@ class Plane:
 def plane_axes(mesh: FaceMesh) -> tuple[int, ...]:
     """The coordinates in which points may move: (0, 1, 2), or the two coordinates of a plane.
 
-    Raises
-    ------
-    InvalidInput
-        For meshes of one dimension, and for wedge patches that are not one on each side of a coordinate plane.
+    Raises InvalidInput for meshes of one dimension, and for wedge patches that are not one on each side of a coordinate
+    plane.
     """
     wedges = [patch for patch in mesh.patches if patch.kind == "wedge"]
     areas = np.zeros(3)
@@ -85,10 +72,7 @@ def plane_axes(mesh: FaceMesh) -> tuple[int, ...]:
 def project(mesh: FaceMesh, axes: tuple[int, ...]) -> Plane:
     """Project the layer of cells onto a 2D mesh in the plane of two axes.
 
-    Raises
-    ------
-    InvalidInput
-        If the mesh is not one layer of cells with every point on one of its two sides.
+    Raises InvalidInput if the mesh is not one layer of cells with every point on one of its two sides.
     """
     (thin,) = {0, 1, 2} - set(axes)
     kinds = [mesh.boundary_faces(patch) for patch in mesh.patches if patch.kind in ("empty", "wedge")]

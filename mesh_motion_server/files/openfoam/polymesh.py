@@ -31,10 +31,7 @@ _ROLES = {"cyclic": "periodic", "symmetry": "symmetry"}
 def read_polymesh(path: Path) -> MeshFile:
     """Read a mesh from a case or a polyMesh folder.
 
-    Raises
-    ------
-    InvalidInput
-        Without such a mesh; for damaged files, decomposed cases, and cells that cannot be divided.
+    Raises InvalidInput without such a mesh; for damaged files, decomposed cases, and cells that cannot be divided.
     """
     mesh = read_face_mesh(_polymesh_folder(path))
     axes = plane_axes(mesh)
@@ -68,10 +65,7 @@ def _mesh(
 def _polymesh_folder(path: Path) -> Path:
     """The folder with points and faces: that of a case, or the given folder itself.
 
-    Raises
-    ------
-    InvalidInput
-        If there is none.
+    Raises InvalidInput if there is none.
     """
     folder = path if path.is_dir() else path.parent
     for candidate in (folder, folder / "polyMesh", folder / "constant" / "polyMesh"):
@@ -119,10 +113,7 @@ def _read_boundary(file: FoamFile) -> tuple[FacePatch, ...]:
 def _move(source: Path, target: Path, points: Floats) -> None:
     """Write a polyMesh folder with other points.
 
-    Raises
-    ------
-    InvalidInput
-        For an axisymmetric mesh, because its nodes are those of a 2D mesh.
+    Raises InvalidInput for an axisymmetric mesh, because its nodes are those of a 2D mesh.
     """
     folder = _polymesh_folder(source)
     mesh = read_face_mesh(folder)

@@ -24,21 +24,11 @@ _CHUNK = 50_000
 
 @dataclass(frozen=True, eq=False)
 class FoundCells:
-    """The types of the cells of a mesh.
+    """The types of the cells of a mesh."""
 
-    Attributes
-    ----------
-    nodes : dict of str to (m, k) arrays
-        Nodes of the cells of each type.
-    numbers : dict of str to (m,) arrays
-        Cell numbers in the mesh, ascending.
-    others : (p,) array
-        Cell numbers of the polyhedra.
-    """
-
-    nodes: dict[str, Integers]
-    numbers: dict[str, Integers]
-    others: Integers
+    nodes: dict[str, Integers]  # (m, k) each. Nodes of the cells of each type
+    numbers: dict[str, Integers]  # (m,) each. Cell numbers in the mesh, ascending
+    others: Integers  # (p,). Cell numbers of the polyhedra
 
 
 def find_cells(mesh: FaceMesh) -> FoundCells:

@@ -30,30 +30,15 @@ class FacePatch:
 class FaceMesh:
     """A mesh by its faces, checked for consistency.
 
-    Attributes
-    ----------
-    path : Path
-        The path that it was read from.
-    points : (n, 3) array
-    starts : (f + 1,) array
-        Start of each face's points in ``nodes``.
-    nodes : (k,) array
-    owner : (f,) array
-    neighbour : (i,) array
-        Neighbour cells of the inner faces.
-
-    Raises
-    ------
-    InvalidInput
-        If the data are inconsistent; names the first face, cell or patch that does not fit.
+    Raises InvalidInput if the data are inconsistent; names the first face, cell or patch that does not fit.
     """
 
-    path: Path
-    points: Floats
-    starts: Integers
-    nodes: Integers
-    owner: Integers
-    neighbour: Integers
+    path: Path  # the path that it was read from
+    points: Floats  # (n, 3)
+    starts: Integers  # (f + 1,). Start of each face's points in ``nodes``
+    nodes: Integers  # (k,)
+    owner: Integers  # (f,)
+    neighbour: Integers  # (i,). Neighbour cells of the inner faces
     patches: tuple[FacePatch, ...]
 
     def __post_init__(self) -> None:
@@ -232,7 +217,8 @@ def from_sides(
 ) -> tuple[FaceMesh, Integers]:
     """The mesh of faces in any order, and for each of its faces the row (f,) among these.
 
-    Inner faces come first; faces that point into their only cell are turned.
+    Inner faces come first; faces that point into their only cell are turned. Raises InvalidInput if a face has no cell,
+    and as :class:`FaceMesh` does.
 
     Parameters
     ----------
@@ -240,11 +226,6 @@ def from_sides(
         The points of all faces, one face after the other, and the number of points of each face.
     sides : (f, 2) array
         The cell from which the face's normal points, and the cell to which it points; -1 for none.
-
-    Raises
-    ------
-    InvalidInput
-        If a face has no cell, and as :class:`FaceMesh` does.
     """
     starts = np.concatenate([[0], np.cumsum(sizes)])
     turned = sides[:, 0] < 0

@@ -30,21 +30,11 @@ _ROUNDING = 1e-12  # a determinant of at most this share of the cell's largest m
 
 @dataclass(frozen=True, eq=False)
 class Pieces:
-    """A mesh of simple cells.
+    """A mesh of simple cells."""
 
-    Attributes
-    ----------
-    points : (n, 3) array
-        First the points of the mesh, then the middles of faces, then the centres of cells.
-    cells : dict of str to (m, k) arrays
-        For each type, first the cells of the mesh, then the pieces.
-    middles : (f,) array
-        The node in the middle of each face, or -1.
-    """
-
-    points: Floats
-    cells: dict[str, Integers]
-    middles: Integers
+    points: Floats  # (n, 3). First the points of the mesh, then the middles of faces, then the centres of cells
+    cells: dict[str, Integers]  # (m, k) each. For each type, first the cells of the mesh, then the pieces
+    middles: Integers  # (f,). The node in the middle of each face, or -1
 
     def facets(self, mesh: FaceMesh, faces: Integers) -> dict[str, Integers]:
         """{type: (m, k)} the facets into which these faces are divided."""
@@ -60,10 +50,7 @@ class Pieces:
 def divide(mesh: FaceMesh, found: FoundCells) -> Pieces:
     """Divide the polyhedra, and also simple cells if their shape or a neighbouring polyhedron requires it.
 
-    Raises
-    ------
-    InvalidInput
-        If no point of a cell sees all its faces: a piece would be inverted.
+    Raises InvalidInput if no point of a cell sees all its faces: a piece would be inverted.
     """
     new = np.union1d(found.others, _crossed(mesh, found))
     centres = mesh.volumes_and_centres()[1] if len(new) else mesh.points
@@ -139,12 +126,8 @@ def _seeing_all(mesh: FaceMesh, cell: int, centre: Floats) -> Floats:
     """A point of a cell that is inside the triangles of all its faces, and deep inside if possible.
 
     From the centre, each step crosses the plane of which the point is farthest outside: the relaxation method of
-    Motzkin and Schoenberg (Canadian Journal of Mathematics 6, 1954), as in the motion solver for OpenFOAM.
-
-    Raises
-    ------
-    InvalidInput
-        If no such point is found: each point of the cell misses a part of its faces.
+    Motzkin and Schoenberg (Canadian Journal of Mathematics 6, 1954), as in the motion solver for OpenFOAM. Raises
+    InvalidInput if no such point is found: each point of the cell misses a part of its faces.
     """
     faces, own = mesh.faces_of(np.array([cell]))
     normals, corners, rows = _fan_planes(mesh, faces, own)

@@ -10,6 +10,7 @@ def polygons(points: Floats, edges: Integers, cells: Integers) -> tuple[Floats, 
     """Points and cells (triangles and quadrilaterals) of a 2D mesh.
 
     A cell of more than four edges becomes triangles around a node in its middle, which is added after the points.
+    Raises ValueError if the edges of a cell are not one loop.
 
     Parameters
     ----------
@@ -17,11 +18,6 @@ def polygons(points: Floats, edges: Integers, cells: Integers) -> tuple[Floats, 
         Edges of all cells, each in the direction of its cell's circulation.
     cells : (e,) array
         The cell of each edge.
-
-    Raises
-    ------
-    ValueError
-        If the edges of a cell are not one loop.
     """
     order = np.argsort(cells, kind="stable")
     edges, cells = edges[order], cells[order]

@@ -31,10 +31,7 @@ _HEADING = re.compile(r"names\s+for\s+boundaries")
 def _read(path: Path) -> MeshFile:
     """Read a mesh from a folder.
 
-    Raises
-    ------
-    InvalidInput
-        For a missing file, unknown elements and malformed rows; names the file and the row.
+    Raises InvalidInput for a missing file, unknown elements and malformed rows; names the file and the row.
     """
     try:
         nodes = [line.split() for line in _lines(path / "mesh.nodes")]

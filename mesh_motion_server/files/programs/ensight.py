@@ -288,10 +288,7 @@ def _numbered(path: Path, parts: list[_Part]) -> tuple[list[_Part], list[Integer
 def _read(path: Path) -> MeshFile:
     """Read a mesh from the geometry of a case.
 
-    Raises
-    ------
-    InvalidInput
-        For polyhedra and unknown elements, and malformed files.
+    Raises InvalidInput for polyhedra and unknown elements, and malformed files.
     """
     parts, numbers, points = _numbered(path, _parts(path)[1])
     dimension, notes = parts[0].dimension, []

@@ -38,10 +38,7 @@ _TYPES = {"BAR": "line", "BEA": "line", "TRU": "line", "EDG": "line", "TRI": "tr
 def _read(path: Path) -> MeshFile:
     """Read a mesh from ``.exo``, ``.e`` or ``.g``.
 
-    Raises
-    ------
-    InvalidInput
-        Without h5py for a file in HDF5; for unknown elements, and damaged files.
+    Raises InvalidInput without h5py for a file in HDF5; for unknown elements, and damaged files.
     """
     with _opened(path) as data:
         points = _points(data)

@@ -73,13 +73,7 @@ class _Content:
 
 
 def _read_text(path: Path) -> MeshFile:
-    """Read ``.msh`` or ``.cas``.
-
-    Raises
-    ------
-    InvalidInput
-        For hanging nodes and inconsistent data; names the section.
-    """
+    """Read ``.msh`` or ``.cas``. Raises InvalidInput for hanging nodes and inconsistent data; names the section."""
     data = path.read_bytes()
     if data.startswith(b'(1 "meshio '):
         raise InvalidInput(
@@ -212,13 +206,7 @@ def _values(data: bytes, start: int, count: int, kind: str, of_words: Callable[[
 
 
 def _read_hdf5(path: Path) -> MeshFile:
-    """Read ``.msh.h5`` or ``.cas.h5``.
-
-    Raises
-    ------
-    InvalidInput
-        Without h5py, and for inconsistent data.
-    """
+    """Read ``.msh.h5`` or ``.cas.h5``. Raises InvalidInput without h5py, and for inconsistent data."""
     with opened_hdf5(path, "Fluent mesh") as file:
         if "meshes" not in file:
             raise InvalidInput(

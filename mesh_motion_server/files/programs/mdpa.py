@@ -58,10 +58,7 @@ class _Content:
 def _read(path: Path) -> MeshFile:
     """Read a mesh from ``.mdpa``.
 
-    Raises
-    ------
-    InvalidInput
-        For unknown elements, missing numbers, and malformed blocks; names the block and its line.
+    Raises InvalidInput for unknown elements, missing numbers, and malformed blocks; names the block and its line.
     """
     try:
         return _mesh(path, _content(text_of(path.read_bytes())))

@@ -43,10 +43,8 @@ _CORNERS = {"tetra": (0, 2, 1, 3), "hexahedron": (0, 3, 2, 1, 4, 7, 6, 5), "wedg
 def _read(path: Path, zone: str = "") -> MeshFile:
     """Read a mesh from ``.med``; ``zone`` is the name or number of one of several meshes.
 
-    Raises
-    ------
-    InvalidInput
-        Without h5py; for several meshes if none is chosen, structured ones, polygons, polyhedra, and damaged files.
+    Raises InvalidInput without h5py; for several meshes if none is chosen, structured ones, polygons, polyhedra, and
+    damaged files.
     """
     with opened_hdf5(path, "MED file") as file:
         chosen = chosen_zone(path, list(file["ENS_MAA"]), zone)

@@ -70,13 +70,7 @@ class _Sections:
 
 
 def _read(path: Path) -> MeshFile:
-    """Read a mesh.
-
-    Raises
-    ------
-    InvalidInput
-        For elements of third and higher order, and for malformed sections.
-    """
+    """Read a mesh. Raises InvalidInput for elements of third and higher order, and for malformed sections."""
     try:
         return _mesh(path, _Sections.of(path.read_bytes()))
     except (ValueError, OverflowError) as error:

@@ -74,10 +74,8 @@ class _Coordinates:
 def _read(path: Path) -> MeshFile:
     """Read a mesh from ``.mesh``.
 
-    Raises
-    ------
-    InvalidInput
-        For nodes that are not continuous or are no points of the mesh (L2, NURBS), and for malformed sections.
+    Raises InvalidInput for nodes that are not continuous or are no points of the mesh (L2, NURBS), and for malformed
+    sections.
     """
     try:
         return _mesh(path, path.read_bytes())

@@ -103,10 +103,7 @@ class _Content:
     def places(self) -> Floats:
         """(n, 3) the nodes in the basic coordinate system.
 
-        Raises
-        ------
-        ValueError
-            For a system that is not there, or that refers to itself.
+        Raises ValueError for a system that is not there, or that refers to itself.
         """
         points, systems = np.array(self.points), np.array(self.systems)
         for system in np.unique(systems[systems != 0]).tolist():
@@ -134,10 +131,8 @@ class _Content:
 def _read(path: Path) -> MeshFile:
     """Read a mesh from bulk data.
 
-    Raises
-    ------
-    InvalidInput
-        For coordinate systems and included files that are not there, and malformed cards; names the card and line.
+    Raises InvalidInput for coordinate systems and included files that are not there, and malformed cards; names the
+    card and line.
     """
     try:
         return _mesh(path, _lines(path, path.resolve().parent, ()))

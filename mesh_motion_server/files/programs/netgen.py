@@ -52,10 +52,7 @@ def _sections(lines: list[str]) -> dict[str, tuple[int, list[str]]]:
 def _read(path: Path) -> MeshFile:
     """Read a mesh from ``.vol``.
 
-    Raises
-    ------
-    InvalidInput
-        For malformed sections, unknown elements, and nodes that do not exist.
+    Raises InvalidInput for malformed sections, unknown elements, and nodes that do not exist.
     """
     try:
         return _mesh(path, {key: rows for key, (_, rows) in _sections(_lines(path.read_bytes())).items()})

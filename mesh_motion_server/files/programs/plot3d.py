@@ -123,13 +123,7 @@ def _numbers(path: Path, data: bytes) -> bytearray | Floats:
 
 
 def _read(path: Path) -> MeshFile:
-    """Read a grid.
-
-    Raises
-    ------
-    InvalidInput
-        If no layout fits the file, and for sides without area.
-    """
+    """Read a grid. Raises InvalidInput if no layout fits the file, and for sides without area."""
     try:
         grid = _grid(path, path.read_bytes())
         number, free = _joined(grid)

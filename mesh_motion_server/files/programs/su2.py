@@ -101,15 +101,12 @@ class _Zone:
 def read_su2(path: Path, zone: str = "") -> MeshFile:
     """Read a mesh from ``.su2``.
 
+    Raises InvalidInput without the zone, for unknown element types, missing or malformed sections.
+
     Parameters
     ----------
     zone : str
         The number after ``IZONE=``; required if there are several.
-
-    Raises
-    ------
-    InvalidInput
-        Without the zone, for unknown element types, missing or malformed sections.
     """
     try:
         zones = _read_zones(text_of(path.read_bytes()).removeprefix("\ufeff"))

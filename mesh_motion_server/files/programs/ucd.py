@@ -39,13 +39,7 @@ def _counted(lines: list[str]) -> tuple[int, list[list[str]], list[list[str]]]:
 
 
 def _read(path: Path) -> MeshFile:
-    """Read a mesh.
-
-    Raises
-    ------
-    InvalidInput
-        For unknown types of cells, nodes that do not exist, and malformed rows.
-    """
+    """Read a mesh. Raises InvalidInput for unknown types of cells, nodes that do not exist, and malformed rows."""
     try:
         _, nodes, cells = _counted([text_of(line) for line in path.read_bytes().splitlines()])
         rows = NumberedRows.of(np.array([int(row[0]) for row in nodes], dtype=np.int64))

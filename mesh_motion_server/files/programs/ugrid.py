@@ -91,10 +91,7 @@ def _text(data: bytes) -> _Content:
 def _read(path: Path) -> MeshFile:
     """Read a mesh from ``.ugrid``.
 
-    Raises
-    ------
-    InvalidInput
-        For a file without cells, a size that fits no layout, and nodes that do not exist.
+    Raises InvalidInput for a file without cells, a size that fits no layout, and nodes that do not exist.
     """
     try:
         return _mesh(path, _content(path.read_bytes()))

@@ -68,10 +68,7 @@ class _Content:
 def _read(path: Path) -> MeshFile:
     """Read a mesh from ``.unv``.
 
-    Raises
-    ------
-    InvalidInput
-        For unknown elements, missing numbers, and malformed datasets; names the dataset and the line.
+    Raises InvalidInput for unknown elements, missing numbers, and malformed datasets; names the dataset and the line.
     """
     try:
         return _mesh(path, _content(text_of(path.read_bytes()).splitlines()))

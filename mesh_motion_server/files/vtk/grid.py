@@ -40,25 +40,15 @@ _OTHERS = {
 class VtkGrid:
     """A grid, or one piece of it.
 
-    Attributes
-    ----------
-    points : (n, 3) array
-    types : (m,) array
-        VTK's type number of each cell.
-    offsets, connectivity : (m + 1,), (k,) arrays
-        Start of each cell's nodes, and the nodes.
-    point_arrays, cell_arrays : dict of str to (n,) | (n, c), (m,) | (m, c) arrays
-
-    Raises
-    ------
-    ValueError
-        If the arrays do not fit together.
+    Raises ValueError if the arrays do not fit together.
     """
 
-    points: Floats
-    types: Integers
+    points: Floats  # (n, 3)
+    types: Integers  # (m,). VTK's type number of each cell
+    #: offsets, connectivity: (m + 1,), (k,). Start of each cell's nodes, and the nodes
     offsets: Integers
     connectivity: Integers
+    #: point_arrays, cell_arrays: (n,) | (n, c), (m,) | (m, c)
     point_arrays: Arrays
     cell_arrays: Arrays
 
@@ -81,10 +71,7 @@ class VtkGrid:
     def cells(self) -> list[tuple[str, Integers, Integers]]:
         """Yield our type's name, rows (m,) among all cells, and corner nodes (m, k), of each type of cell.
 
-        Raises
-        ------
-        ValueError
-            For polygons, polyhedra and unknown types; for a cell with fewer nodes than its type has.
+        Raises ValueError for polygons, polyhedra and unknown types; for a cell with fewer nodes than its type has.
         """
         found, types = [], self.types.copy()
         for size, code in ((3, 5), (4, 9)):  # polygons that are triangles or quadrilaterals

@@ -25,10 +25,7 @@ _COUNTS = ("NumberOfPoints", "NumberOfCells", "NumberOfConnectivityIds")
 def read_hdf(path: Path) -> list[VtkGrid]:
     """The parts of a ``.vtkhdf`` file that have cells.
 
-    Raises
-    ------
-    InvalidInput
-        Without h5py; for files of other kinds and damaged ones.
+    Raises InvalidInput without h5py; for files of other kinds and damaged ones.
     """
     with opened_hdf5(path, "VTKHDF file") as file:
         if "VTKHDF" not in file:

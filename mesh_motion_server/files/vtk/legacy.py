@@ -67,13 +67,7 @@ class Legacy:
 
 
 def read_legacy(data: bytes) -> Legacy:
-    """Read a file.
-
-    Raises
-    ------
-    ValueError
-        For surfaces (POLYDATA), unknown keywords, and values that do not fit.
-    """
+    """Read a file. Raises ValueError for surfaces (POLYDATA), unknown keywords, and values that do not fit."""
     file = _Cursor(data)
     if not file.line().startswith("# vtk DataFile"):
         raise ValueError("it does not begin with '# vtk DataFile'")

@@ -35,13 +35,7 @@ class VtkPiece:
 
 
 def sources(path: Path) -> list[Path]:
-    """The files of a ``.pvtu``.
-
-    Raises
-    ------
-    InvalidInput
-        If it is not such a list.
-    """
+    """The files of a ``.pvtu``. Raises InvalidInput if it is not such a list."""
     try:
         root = ElementTree.parse(path).getroot()
     except ElementTree.ParseError as error:
@@ -62,10 +56,7 @@ def sources(path: Path) -> list[Path]:
 def joined(path: Path, pieces: Sequence[VtkPiece]) -> tuple[VtkPiece, list[str]]:
     """Join all pieces to one mesh; return it and a note about the joined nodes.
 
-    Raises
-    ------
-    InvalidInput
-        If a piece has two nodes at one place where another piece has one, too: names them.
+    Raises InvalidInput if a piece has two nodes at one place where another piece has one, too: names them.
     """
     if len(pieces) == 1:
         return pieces[0], []

@@ -59,32 +59,20 @@ _GHOSTS, _DUPLICATE = "vtkGhostType", 1
 def _read_vtu(path: Path) -> MeshFile:
     """Read a mesh from ``.vtu``, ``.vts`` or ``.pvtu``.
 
-    Raises
-    ------
-    InvalidInput
-        For other XML files, damaged ones, and polygons or polyhedra.
+    Raises InvalidInput for other XML files, damaged ones, and polygons or polyhedra.
     """
     return grids_as_mesh(path, read_xml, sources(path) if path.suffix.lower() == ".pvtu" else [path])
 
 
 def _read_vtk(path: Path) -> MeshFile:
-    """Read a mesh from ``.vtk``.
-
-    Raises
-    ------
-    InvalidInput
-        For surfaces, damaged files, and polygons or polyhedra.
-    """
+    """Read a mesh from ``.vtk``. Raises InvalidInput for surfaces, damaged files, and polygons or polyhedra."""
     return grids_as_mesh(path, lambda file: [read_legacy(file.read_bytes()).grid()], [path])
 
 
 def _read_hdf(path: Path) -> MeshFile:
     """Read a mesh from ``.vtkhdf``.
 
-    Raises
-    ------
-    InvalidInput
-        Without h5py, for other kinds of grids, damaged files, and polygons or polyhedra.
+    Raises InvalidInput without h5py, for other kinds of grids, damaged files, and polygons or polyhedra.
     """
     return grids_as_mesh(path, read_hdf, [path])
 
@@ -92,15 +80,13 @@ def _read_hdf(path: Path) -> MeshFile:
 def grids_as_mesh(path: Path, read: Callable[[Path], list[VtkGrid]], files: list[Path]) -> MeshFile:
     """The mesh of all grids in the files.
 
+    Raises InvalidInput if ``read`` raises anything but an OSError, for polygons and polyhedra, and pieces that do not
+    fit together.
+
     Parameters
     ----------
     read : function (path)
         The grids of one file.
-
-    Raises
-    ------
-    InvalidInput
-        If ``read`` raises anything but an OSError, for polygons and polyhedra, and pieces that do not fit together.
     """
     grids, listed = [], []
     for file in files:

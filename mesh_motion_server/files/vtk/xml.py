@@ -48,12 +48,8 @@ _TYPES = {
 def read_xml(path: Path) -> list[VtkGrid]:
     """The pieces of a ``.vtu`` or ``.vts`` file that have cells.
 
-    Raises
-    ------
-    InvalidInput
-        For other kinds of files.
-    ValueError
-        For damaged files; errors of XML, zlib and lzma are passed on.
+    Raises InvalidInput for other kinds of files. Raises ValueError for damaged files; errors of XML, zlib and lzma are
+    passed on.
     """
     raw = path.read_bytes()
     values = _Values(path, raw)

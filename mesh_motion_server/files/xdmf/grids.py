@@ -45,10 +45,8 @@ _STRUCTURED = re.compile(r"([23])d(s|rect|corect)mesh")
 def read(path: Path) -> MeshFile:
     """Read a mesh from ``.xdmf``; from a time series, the first step.
 
-    Raises
-    ------
-    InvalidInput
-        For files of numbers that are missing, items that are computed (functions), polygons and polyhedra.
+    Raises InvalidInput for files of numbers that are missing, items that are computed (functions), polygons and
+    polyhedra.
     """
     return grids_as_mesh(path, _grids, [path])
 

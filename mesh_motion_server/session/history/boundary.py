@@ -62,24 +62,13 @@ _NOWHERE = -1
 
 @dataclass(frozen=True, eq=False)
 class BoundaryStep:
-    """The boundary's motion in one committed step.
-
-    Attributes
-    ----------
-    frame : {"committed", "reference"}
-    rows : (k, d) array, mesh length unit
-        Displacements of the moving nodes, ascending by global id.
-    digest : bytes
-        State digest of the committed step; empty if it is not known.
-    time : float or None
-        Time of the step, seconds; None if it is not known.
-    """
+    """The boundary's motion in one committed step."""
 
     step: int
-    frame: str
-    rows: Floats
-    digest: bytes = b""
-    time: float | None = None
+    frame: str  # {"committed", "reference"}
+    rows: Floats  # (k, d), mesh length unit. Displacements of the moving nodes, ascending by global id
+    digest: bytes = b""  # state digest of the committed step; empty if it is not known
+    time: float | None = None  # time of the step, seconds; None if it is not known
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,13 +132,7 @@ class BoundaryLog:
         return self.steps
 
     def read(self, step: int) -> BoundaryStep:
-        """Read one step.
-
-        Raises
-        ------
-        DataLoss
-            If the step does not verify, or its record was removed meanwhile.
-        """
+        """Read one step. Raises DataLoss if the step does not verify, or its record was removed meanwhile."""
         place = self._inputs[step - 1]
         found = self._record(place)
         if found is None or found[0].row_bytes < 8:
@@ -259,7 +242,7 @@ def digest_at(session_folder: Path, step: int) -> bytes:
 
 
 def _outcome_in(handle: int, step: int) -> tuple[int | None, bytes]:
-    """In a segment: the step at which the last input or "taken up" starts, and the digest of ``step`` after it."""
+    """The step at which the last input or "taken up" of a segment starts, and the digest of ``step`` after it."""
     begun: int | None = None
     digest = b""
     for head in _heads(handle):

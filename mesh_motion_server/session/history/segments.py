@@ -35,12 +35,8 @@ class Slow(Exception):
 def list_segments(folder: Path, kind: str) -> list[Path]:
     """The segments of a kind, oldest first; empty without a folder.
 
-    A link or a folder of such a name is none, nor is a pipe: opening it would take for ever.
-
-    Raises
-    ------
-    OSError
-        If the disk fails, which must not count as a missing folder.
+    A link or a folder of such a name is none, nor is a pipe: opening it would take for ever. Raises OSError if the disk
+    fails, which must not count as a missing folder.
     """
     pattern = re.compile(rf"{kind}-[0-9]{{8}}\.(jsonl|bin)")
     try:
@@ -112,19 +108,14 @@ class Segments:
     def append(self, data: bytes, *, forget: bool) -> None:
         """Write all of ``data`` unless the disk fails; when all bytes are used, remove the oldest segments or raise.
 
+        Raises Full if they may not be removed, and there is no room. Raises Slow if it took longer than
+        :data:`PATIENCE`, and such delays exceed :data:`ALLOWANCE`; the data is written. Raises OSError if the disk
+        fails.
+
         Parameters
         ----------
         forget : bool
             Whether the oldest segments may be removed.
-
-        Raises
-        ------
-        Full
-            If they may not be removed, and there is no room.
-        Slow
-            If it took longer than :data:`PATIENCE`, and such delays exceed :data:`ALLOWANCE`; the data is written.
-        OSError
-            If the disk fails.
         """
         begin = time.monotonic()
         self._append(data, forget=forget)

@@ -42,10 +42,7 @@ _MOST_BYTES = 1 << 28
 def read_journal(folder: Path, files: FileSystem) -> Findings:
     """Judge the journal in a session's folder; changes nothing.
 
-    Raises
-    ------
-    DataLoss
-        On damage, a missing file, or another format.
+    Raises DataLoss on damage, a missing file, or another format.
     """
 
     def view_slots(foundation: Foundation) -> tuple[SlotView, SlotView]:
@@ -61,10 +58,7 @@ def read_journal(folder: Path, files: FileSystem) -> Findings:
 def read_ledger(folder: Path, files: FileSystem) -> Ledger:
     """Read only the manifest, for lists: a commit that only its slot completes is not included.
 
-    Raises
-    ------
-    DataLoss
-        On damage of the chain, a missing file, or another format.
+    Raises DataLoss on damage of the chain, a missing file, or another format.
     """
     try:
         return sum_up(_read_chain(files, folder / MANIFEST), keep=1)
@@ -89,10 +83,7 @@ def _read_chain(files: FileSystem, path: Path) -> list[Record]:
 def read_stored_state(folder: Path, files: FileSystem, ledger: Ledger) -> tuple[int, Floats] | None:
     """The last step whose coordinates are stored, with the coordinates (n, d), ascending by global id; None at step 0.
 
-    Raises
-    ------
-    DataLoss
-        DATA_LOSS.CHECKSUM if they do not match their digest.
+    Raises DataLoss: DATA_LOSS.CHECKSUM if they do not match their digest.
     """
     snapshot = ledger.snapshot
     if snapshot is None:

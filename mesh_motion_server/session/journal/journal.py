@@ -93,17 +93,14 @@ class Journal:
     ) -> Journal:
         """Start the journal of a session that was just built; durable on return.
 
+        Raises OSError if the disk cannot store it; then there is no manifest.
+
         Parameters
         ----------
         capacity : int, optional
             Bytes of each manifest, whole pages for a checkpoint and two records at least; by default some 250 commits.
         epoch : int
             The session's epoch, which is larger than 1 if it was resumed before it was built.
-
-        Raises
-        ------
-        OSError
-            If the disk cannot store it; then there is no manifest.
         """
         for name in SLOTS:
             write_file(files, folder / name, b"", foundation.record_area + foundation.state_bytes)
@@ -122,10 +119,7 @@ class Journal:
     def open(cls, folder: Path, files: FileSystem, found: Findings | None = None) -> Journal:
         """Read the journal, or take its already read content ``found``, and repair it after a crash.
 
-        Raises
-        ------
-        DataLoss
-            On damage (DATA_LOSS.CHECKSUM), another format, or an operation that failed.
+        Raises DataLoss on damage (DATA_LOSS.CHECKSUM), another format, or an operation that failed.
         """
         found = found or read_journal(folder, files)
         journal = cls(folder, files, found.ledger, found.end)
@@ -138,6 +132,8 @@ class Journal:
     def store(self, entry: Commit, state: Floats, earlier: Sequence[Commit] = ()) -> None:
         """Make a step durable: its coordinates and its replies.
 
+        Raises DataLoss: RESOURCE_EXHAUSTED.DISK if an operation failed; the journal is then frozen.
+
         Parameters
         ----------
         entry : Commit
@@ -146,11 +142,6 @@ class Journal:
             The coordinates, ascending by global id.
         earlier : sequence of Commit
             With "relaxed": the steps in between, whose states are not stored; only the latest of them are needed.
-
-        Raises
-        ------
-        DataLoss
-            RESOURCE_EXHAUSTED.DISK if an operation failed; the journal is then frozen.
         """
         self._require_fitting(state, entry.step)
         body = entry.as_body()
@@ -164,15 +155,12 @@ class Journal:
     def write_ahead(self, state: Floats) -> None:
         """Write the next step's coordinates to its slot, before :meth:`store`; large ones in the background.
 
+        Raises DataLoss as :meth:`store`, if an earlier one failed.
+
         Parameters
         ----------
         state : (n, d) array, mesh length unit
             Must not be changed before it is stored.
-
-        Raises
-        ------
-        DataLoss
-            As :meth:`store`, if an earlier one failed.
         """
         self._require_fitting(state, self.ledger.step + 1)
         with self._freezing(f"committing step {self.ledger.step + 1}"):
@@ -198,10 +186,7 @@ class Journal:
     def log(self, entry: Commit) -> None:
         """Make a step durable without its coordinates: they can be computed from ``entry.boundary``.
 
-        Raises
-        ------
-        DataLoss
-            As :meth:`store`.
+        Raises DataLoss as :meth:`store`.
         """
         self._require_usable()
         with self._freezing(f"committing step {entry.step}"):
@@ -210,10 +195,7 @@ class Journal:
     def snapshot(self, state: Floats) -> None:
         """Store the coordinates (n, d) of the last committed step, ascending by global id, in place of logged commits.
 
-        Raises
-        ------
-        DataLoss
-            As :meth:`store`.
+        Raises DataLoss as :meth:`store`.
         """
         last = self.ledger.commits[-1]
         self._require_fitting(state, last.step)
@@ -228,13 +210,7 @@ class Journal:
             raise DataLoss(f"the state of step {step} does not fit its slot: {state.shape}", code="INTERNAL")
 
     def raise_epoch(self) -> int:
-        """Fence all earlier holders, durably; return the new epoch.
-
-        Raises
-        ------
-        DataLoss
-            As :meth:`store`.
-        """
+        """Fence all earlier holders, durably; return the new epoch. Raises DataLoss as :meth:`store`."""
         self._require_usable()
         with self._freezing("raising the epoch"):
             failpoint("journal.epoch.start")
@@ -244,10 +220,7 @@ class Journal:
     def read_state(self) -> Floats:
         """The coordinates (n, d) of the last snapshot, ascending by global id, verified.
 
-        Raises
-        ------
-        DataLoss
-            DATA_LOSS.CHECKSUM if they do not match their digest.
+        Raises DataLoss: DATA_LOSS.CHECKSUM if they do not match their digest.
         """
         snapshot, foundation = self.ledger.snapshot, self.ledger.foundation
         if snapshot is None:

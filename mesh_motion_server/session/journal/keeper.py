@@ -43,40 +43,25 @@ class Keeper(ABC):
     def prepare(self, state: Floats) -> None:
         """Announce the state (n, d) of the next commit, which never changes; the level may begin to write it.
 
-        Raises
-        ------
-        DataLoss
-            As :meth:`commit`.
+        Raises DataLoss as :meth:`commit`.
         """
 
     @abstractmethod
     def commit(self, entry: Commit, state: Floats, boundary: Callable[[], BoundaryInput]) -> None:
         """Take a commit: its state (n, d), ascending by global id, which never changes, and the input of this state.
 
-        Raises
-        ------
-        DataLoss
-            If the disk failed, or has failed before.
+        Raises DataLoss if the disk failed, or has failed before.
         """
 
     @abstractmethod
     def catch_up(self) -> None:
-        """Return when all commits are durable.
-
-        Raises
-        ------
-        DataLoss
-            If the disk failed, or has failed before.
-        """
+        """Return when all commits are durable. Raises DataLoss if the disk failed, or has failed before."""
 
     @abstractmethod
     def rest(self, state: Callable[[], Floats]) -> None:
         """Catch up and leave nothing to recompute: the session is about to be closed.
 
-        Raises
-        ------
-        DataLoss
-            As :meth:`catch_up`.
+        Raises DataLoss as :meth:`catch_up`.
         """
 
     def close(self) -> None:

@@ -32,29 +32,19 @@ __all__ = ["BoundaryInput", "Commit", "Foundation", "Ledger", "Snapshot", "slot_
 
 @dataclass(frozen=True)
 class Foundation:
-    """The values that BUILD fixes.
-
-    Attributes
-    ----------
-    spec, mesh : bytes
-        sha256 of the files that hold them.
-    nodes, dimension : int
-        Shape of one committed state; where the client evaluates the field, its coefficients count as nodes.
-    record_area : int
-        Bytes at a slot's start for the copy of its record.
-    durability : str
-        A level of :data:`mesh_motion_server.settings.DURABILITY_LEVELS`.
-    snapshot_steps, log_bytes : int
-        With "replay": after this many commits, or bytes of them, a commit stores its state.
-    """
+    """The values that BUILD fixes."""
 
     session: str
+    #: spec, mesh: sha256 of the files that hold them
     spec: bytes
     mesh: bytes
+    #: nodes, dimension: shape of one committed state; where the client evaluates the field, its coefficients count as
+    #: nodes
     nodes: int
     dimension: int
-    record_area: int
-    durability: str = "full"
+    record_area: int  # bytes at a slot's start for the copy of its record
+    durability: str = "full"  # a level of :data:`mesh_motion_server.settings.DURABILITY_LEVELS`
+    #: snapshot_steps, log_bytes: with "replay": after this many commits, or bytes of them, a commit stores its state
     snapshot_steps: int = 0
     log_bytes: int = 0
 
@@ -76,44 +66,22 @@ class Foundation:
 
 @dataclass(frozen=True)
 class BoundaryInput:
-    """The input that determines a committed state, together with the state before and the session's settings.
+    """The input that determines a committed state, together with the state before and the session's settings."""
 
-    Attributes
-    ----------
-    frame : str
-        "committed" or "reference".
-    rows : bytes
-        Displacements (k, d) of the moving nodes in that frame, little-endian doubles, ascending by global id.
-    maker : str
-        The versions and the processor that computed the state, for people.
-    """
-
-    frame: str
-    rows: bytes
-    maker: str
+    frame: str  # "committed" or "reference"
+    rows: bytes  # displacements (k, d) of the moving nodes in that frame, little-endian doubles, ascending by global id
+    maker: str  # the versions and the processor that computed the state, for people
 
 
 @dataclass(frozen=True)
 class Commit:
-    """One committed step.
-
-    Attributes
-    ----------
-    digest : bytes
-        State digest of :mod:`mesh_motion_protocol.digests`; it is also the checksum of the state's slot.
-    requests : tuple of RequestId
-        The COMMIT of each partition.
-    receipt : bytes
-        The content of their replies, packed by the caller.
-    boundary : BoundaryInput or None
-        The input, if the state is not stored but recomputed.
-    """
+    """One committed step."""
 
     step: int
-    digest: bytes
-    requests: tuple[RequestId, ...]
-    receipt: bytes
-    boundary: BoundaryInput | None = None
+    digest: bytes  # state digest of :mod:`mesh_motion_protocol.digests`; it is also the checksum of the state's slot
+    requests: tuple[RequestId, ...]  # the COMMIT of each partition
+    receipt: bytes  # the content of their replies, packed by the caller
+    boundary: BoundaryInput | None = None  # the input, if the state is not stored but recomputed
 
     def as_body(self) -> dict[str, Any]:
         """The record's body."""
@@ -152,26 +120,14 @@ def slot_of(record: Record) -> int | None:
 
 @dataclass(frozen=True)
 class Ledger:
-    """The sum of all records so far.
-
-    Attributes
-    ----------
-    capacity : int
-        Bytes for records in the manifest file.
-    commits : tuple of Commit
-        The latest commits, and all commits after the snapshot, oldest first.
-    snapshot : Snapshot or None
-        The last stored state; None: the mesh as built.
-    last : Record
-        The end of the chain.
-    """
+    """The sum of all records so far."""
 
     foundation: Foundation
-    capacity: int
+    capacity: int  # bytes for records in the manifest file
     epoch: int
-    commits: tuple[Commit, ...]
-    snapshot: Snapshot | None
-    last: Record
+    commits: tuple[Commit, ...]  # the latest commits, and all commits after the snapshot, oldest first
+    snapshot: Snapshot | None  # the last stored state; None: the mesh as built
+    last: Record  # the end of the chain
 
     @property
     def step(self) -> int:
@@ -193,10 +149,7 @@ class Ledger:
     def start(cls, record: Record) -> Ledger:
         """Start a ledger from the first record of a manifest.
 
-        Raises
-        ------
-        DataLoss
-            If it is of a kind that starts no manifest.
+        Raises DataLoss if it is of a kind that starts no manifest.
         """
         body = record.body
         if record.kind not in ("build", "checkpoint"):
@@ -213,10 +166,7 @@ class Ledger:
     def after(self, record: Record, keep: int) -> Ledger:
         """The ledger after the next record; it keeps the latest ``keep`` commits and those after the snapshot.
 
-        Raises
-        ------
-        DataLoss
-            On an unknown kind, or a step or epoch out of turn.
+        Raises DataLoss on an unknown kind, or a step or epoch out of turn.
         """
         body = record.body
         if record.kind == "epoch" and body["epoch"] > self.epoch:

@@ -61,11 +61,8 @@ def write_mesh(path: Path, files: FileSystem, partitions: Sequence[PartitionMesh
 def read_mesh(path: Path, files: FileSystem, digest: bytes) -> list[PartitionMesh]:
     """Read the partitions, bitwise as they were written.
 
-    Raises
-    ------
-    DataLoss
-        DATA_LOSS.CHECKSUM if the file is missing or not the one that was written; RESOURCE_EXHAUSTED.DISK if the disk
-        does not give it; UNIMPLEMENTED.VERSION for another format.
+    Raises DataLoss: DATA_LOSS.CHECKSUM if the file is missing or not the one that was written; RESOURCE_EXHAUSTED.DISK
+    if the disk does not give it; UNIMPLEMENTED.VERSION for another format.
     """
     try:
         failpoint("store.mesh.read")
@@ -97,10 +94,7 @@ def read_mesh(path: Path, files: FileSystem, digest: bytes) -> list[PartitionMes
 def verifies(path: Path, files: FileSystem, digest: bytes, most: int) -> bool:
     """Whether the file is the one that was written; beyond ``most`` bytes, only whether it :func:`has_its_length`.
 
-    Raises
-    ------
-    OSError
-        If the disk does not give the file.
+    Raises OSError if the disk does not give the file.
     """
     with reading(files, path) as handle:
         size = files.size(handle)
@@ -112,10 +106,7 @@ def verifies(path: Path, files: FileSystem, digest: bytes, most: int) -> bool:
 def has_its_length(path: Path, files: FileSystem) -> bool:
     """Whether the file is as long as its header says; reads only the header, and so finds no wrong numbers.
 
-    Raises
-    ------
-    OSError
-        If the disk does not give the file.
+    Raises OSError if the disk does not give the file.
     """
     with reading(files, path) as handle:
         size, head = files.size(handle), files.read(handle, 0, _START)

@@ -41,24 +41,14 @@ _CHECKSUM_BYTES = 32
 
 @dataclass(frozen=True)
 class Record:
-    """One record with a correct checksum.
-
-    Attributes
-    ----------
-    previous : bytes
-        Checksum of the record before it.
-    length : int
-        Bytes of the record in the file, whole pages.
-    format : int
-        One of :data:`FORMATS`.
-    """
+    """One record with a correct checksum."""
 
     sequence: int
-    previous: bytes
+    previous: bytes  # checksum of the record before it
     body: dict[str, Any]
     checksum: bytes
-    length: int
-    format: int = 1
+    length: int  # bytes of the record in the file, whole pages
+    format: int = 1  # one of :data:`FORMATS`
 
     @property
     def kind(self) -> str:

@@ -28,53 +28,29 @@ _HINT = "restore the session's folder from a backup, or discard the session"
 
 @dataclass(frozen=True)
 class SlotView:
-    """The content of a slot.
+    """The content of a slot."""
 
-    Attributes
-    ----------
-    record : Record or None
-        The copy of its commit's record, if that verifies.
-    blank : bool
-        Whether the record area has only zeros: never written, or cleaned.
-    state_verifies : callable
-        Whether the coordinates match the digest in ``record``; reads the whole slot.
-    """
-
-    record: Record | None
-    blank: bool
-    state_verifies: Callable[[], bool]
+    record: Record | None  # the copy of its commit's record, if that verifies
+    blank: bool  # whether the record area has only zeros: never written, or cleaned
+    state_verifies: Callable[[], bool]  # whether the coordinates match the digest in ``record``; reads the whole slot
 
 
 @dataclass(frozen=True)
 class Findings:
-    """The result of reading a journal.
+    """The result of reading a journal."""
 
-    Attributes
-    ----------
-    ledger : Ledger
-        Includes the records that will be completed from slots.
-    end : int
-        Offset in the manifest at which its records end.
-    completion : tuple of Record
-        The records with a state that are in slots but not in the manifest, oldest first.
-    torn : bool
-        Whether the manifest ends with bytes that are no record.
-    dirty_slots : tuple of int
-        Slots of a commit that had not reached its record.
-    records : tuple of Record
-        The records in the manifest.
-    """
-
-    ledger: Ledger
-    end: int
-    completion: tuple[Record, ...]
-    torn: bool
-    dirty_slots: tuple[int, ...]
-    records: tuple[Record, ...]
+    ledger: Ledger  # includes the records that will be completed from slots
+    end: int  # offset in the manifest at which its records end
+    completion: tuple[Record, ...]  # the records with a state that are in slots but not in the manifest, oldest first
+    torn: bool  # whether the manifest ends with bytes that are no record
+    dirty_slots: tuple[int, ...]  # slots of a commit that had not reached its record
+    records: tuple[Record, ...]  # the records in the manifest
 
 
 def examine(manifest: bytes, view_slots: Callable[[Foundation], tuple[SlotView, SlotView]], *, keep: int) -> Findings:
     """Judge a manifest and its slots.
+
+    Raises DataLoss: DATA_LOSS.CHECKSUM on damage, with the place; UNIMPLEMENTED.VERSION on another format.
 
     Parameters
     ----------
@@ -84,11 +60,6 @@ def examine(manifest: bytes, view_slots: Callable[[Foundation], tuple[SlotView, 
         Opens both slots, once their layout is known.
     keep : int
         Number of commits that the ledger keeps.
-
-    Raises
-    ------
-    DataLoss
-        DATA_LOSS.CHECKSUM on damage, with the place; UNIMPLEMENTED.VERSION on another format.
     """
     records, end = read_chain(manifest)
     ledger = sum_up(records, keep=keep)
@@ -119,10 +90,7 @@ def sum_up(records: Sequence[Record], *, keep: int) -> Ledger:
 def read_chain(manifest: bytes) -> tuple[list[Record], int]:
     """Read records from the start as long as each follows the one before; return them and their end.
 
-    Raises
-    ------
-    DataLoss
-        If not even the first one verifies.
+    Raises DataLoss if not even the first one verifies.
     """
     first = unpack_record(manifest)
     if first is None:

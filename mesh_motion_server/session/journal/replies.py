@@ -21,19 +21,11 @@ _MAX_CLIENTS = 1024
 
 @dataclass(frozen=True)
 class RequestId:
-    """Identifies a request.
+    """Identifies a request."""
 
-    Attributes
-    ----------
-    client : bytes
-        16-byte UUID of the client.
-    content : bytes
-        sha256 of the request's content without its epoch: a repeat after RESUME is the same request.
-    """
-
-    client: bytes
+    client: bytes  # 16-byte UUID of the client
     sequence: int
-    content: bytes
+    content: bytes  # sha256 of the request's content without its epoch: a repeat after RESUME is the same request
 
 
 @dataclass(slots=True)
@@ -81,11 +73,8 @@ class ReplyTable(Generic[T]):
     def find(self, request: RequestId) -> T | None:
         """The stored reply; None if the request must be executed.
 
-        Raises
-        ------
-        SessionError
-            ABORTED.CONFLICT: the request id was used for another request. ABORTED.STALE: the request is too old to be
-            known.
+        Raises SessionError: ABORTED.CONFLICT: the request id was used for another request. ABORTED.STALE: the request
+        is too old to be known.
         """
         client = self._clients.get(request.client)
         if client is None:

@@ -21,19 +21,14 @@ def merge_facets(
     """The facets (f, k) of the whole boundary by type, in canonical order; none if a partition sent none.
 
     A facet that two partitions have is between them. The order depends only on the nodes, and the first node of each
-    facet stays the first.
+    facet stays the first. Raises InvalidInput if a partition sent no facets although a role needs them, if it sent a
+    facet twice, or if three partitions have a facet.
 
     Parameters
     ----------
     node_maps : sequence of (n_p,) int64 arrays
         Canonical index of each partition's nodes.
     global_ids : (n,) int64 array
-
-    Raises
-    ------
-    InvalidInput
-        If a partition sent no facets although a role needs them, if it sent a facet twice, or if three partitions have
-        a facet.
     """
     patches = ((name, patch.role) for one in partitions for name, patch in sorted(one.patches.items()))
     needing = next(((name, role) for name, role in patches if role not in ("moving", "fixed")), None)

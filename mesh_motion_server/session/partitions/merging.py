@@ -40,11 +40,8 @@ def canonical_order(points: Floats, global_ids: Integers) -> Integers:
 def merge(partitions: Sequence[PartitionMesh]) -> MergedMesh:
     """Join the partitions of one session.
 
-    Raises
-    ------
-    InvalidInput
-        Naming the first offender: an index out of range, a global id twice in one partition, a shared node whose
-        coordinates differ, a patch whose role differs, a cell or a facet that came twice.
+    Raises InvalidInput naming the first offender: an index out of range, a global id twice in one partition, a shared
+    node whose coordinates differ, a patch whose role differs, a cell or a facet that came twice.
     """
     for number, partition in enumerate(partitions):
         _check_partition(partition, number)
@@ -76,12 +73,7 @@ def check_boundary(mesh: MergedMesh) -> None:
 
     A node on no patch may only be between partitions, so that several have it, or inside, near a moving wall: the
     motion of other nodes would depend on the cells. Only the cells show whether two nodes at the same place pass
-    through each other.
-
-    Raises
-    ------
-    InvalidInput
-        Naming the first offender.
+    through each other. Raises InvalidInput naming the first offender.
     """
     held = np.zeros(len(mesh.points), dtype=np.int64)
     for node_map in mesh.node_maps:
@@ -105,10 +97,7 @@ def check_boundary(mesh: MergedMesh) -> None:
 def check_near(mesh: MergedMesh, wall: Integers) -> None:
     """Check that the sent cells near moving walls include cells at each node (k,) of the walls.
 
-    Raises
-    ------
-    InvalidInput
-        Naming the first node without a cell.
+    Raises InvalidInput naming the first node without a cell.
     """
     bare = np.setdiff1d(wall, _nodes_of(block.nodes for block in mesh.near))
     if len(bare):

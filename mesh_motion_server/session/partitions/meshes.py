@@ -24,30 +24,19 @@ __all__ = ["CellCount", "CellOrigin", "MergedMesh", "PartitionMesh", "joined"]
 
 @dataclass(frozen=True, eq=False)
 class PartitionMesh:
-    """The upload of one partition, in its own local numbering.
+    """The upload of one partition, in its own local numbering."""
 
-    Attributes
-    ----------
-    points : (n, d) array, mesh length unit
-    global_ids : (n,) int64 array
-        A node has the same id in every partition; with one partition the ids are the local indices.
-    cells : dict
-        Type name → (m, n_nodes) integer local node indices, or the received pieces of them; (m, 0) if the cells stay
-        with the client.
-    patches : dict
-        Name → Patch with local node indices.
-    facets : dict
-        Type name → (f, k) local node indices of the facets of the partition's boundary, pointing outwards; only where
-        the cells stay with the client.
-    near : dict
-        The cells near moving walls, in the form of ``cells``; only if the cells stay with the client.
-    """
-
-    points: Floats
+    points: Floats  # (n, d), mesh length unit
+    #: (n,). A node has the same id in every partition; with one partition the ids are the local indices.
     global_ids: Integers
+    #: Type name → (m, n_nodes) integer local node indices, or the received pieces of them; (m, 0) if the cells stay
+    #: with the client.
     cells: Mapping[str, Integers | Sequence[Integers]]
-    patches: Mapping[str, Patch]
+    patches: Mapping[str, Patch]  # name → Patch with local node indices
+    #: Type name → (f, k) local node indices of the facets of the partition's boundary, pointing outwards; only where
+    #: the cells stay with the client.
     facets: Mapping[str, Integers] = field(default_factory=dict)
+    #: The cells near moving walls, in the form of ``cells``; only if the cells stay with the client.
     near: Mapping[str, Integers] = field(default_factory=dict)
 
     def cell_pieces(self, name: str) -> list[Integers]:
@@ -109,40 +98,20 @@ class CellCount:
 
 @dataclass(frozen=True, eq=False)
 class MergedMesh:
-    """One mesh in canonical order, and the origin of its parts.
+    """One mesh in canonical order, and the origin of its parts."""
 
-    Attributes
-    ----------
-    points : (n, d) array
-        Reference coordinates, mesh length unit; read-only.
-    global_ids : (n,) int64 array
-    id_order : (n,) int64 array
-        Canonical index of each node, ascending by global id: the order of the durable state.
-    cells : CellTable
-        Empty if the cells stay with the client.
-    patches : dict
-        Name → Patch with canonical node indices, ascending; sorted by name.
-    facets : dict
-        Type name → (f, k) canonical node indices of the whole boundary's facets, if clients send them.
-    near : CellTable
-        The cells near moving walls that clients send, if all other cells stay with the clients.
-    node_maps : tuple of (n_p,) int64 arrays
-        Per partition: canonical index of each local node.
-    moving_local : tuple of (k_p,) int64 arrays
-        Per partition: local indices of the nodes it listed in a patch with role ``moving``, ascending.
-    moving_patches : tuple of dicts
-        Per partition: name → (p,) local indices of the nodes of each of these patches, in the order of the upload.
-    """
-
-    points: Floats
-    global_ids: Integers
-    id_order: Integers
-    cells: CellTable
-    patches: Mapping[str, Patch]
+    points: Floats  # (n, d). Reference coordinates, mesh length unit; read-only
+    global_ids: Integers  # (n,)
+    id_order: Integers  # (n,). Canonical index of each node, ascending by global id: the order of the durable state
+    cells: CellTable  # empty if the cells stay with the client
+    patches: Mapping[str, Patch]  # name → Patch with canonical node indices, ascending; sorted by name
+    #: Type name → (f, k) canonical node indices of the whole boundary's facets, if clients send them.
     facets: Mapping[str, Integers]
-    near: CellTable
-    node_maps: tuple[Integers, ...]
+    near: CellTable  # the cells near moving walls that clients send, if all other cells stay with the clients
+    node_maps: tuple[Integers, ...]  # tuple of (n_p,). Per partition: canonical index of each local node
+    #: tuple of (k_p,). Per partition: local indices of the nodes it listed in a patch with role ``moving``, ascending.
     moving_local: tuple[Integers, ...]
+    #: Per partition: name → (p,) local indices of the nodes of each of these patches, in the order of the upload.
     moving_patches: tuple[Mapping[str, Integers], ...]
     cell_origins: tuple[CellOrigin | CellCount, ...]
 
@@ -179,10 +148,7 @@ class MergedMesh:
     def cell_number(self, partition: int, type_name: str, local: int) -> int:
         """Canonical number of a cell that stays with the client.
 
-        Raises
-        ------
-        IndexError
-            If the partition has no such cell.
+        Raises IndexError if the partition has no such cell.
         """
         first = 0
         for origin in self.cell_origins:
@@ -246,6 +212,9 @@ class MergedMesh:
     def gather_moving(self, boundary_displacements: Sequence[Floats], scale: float | None = None) -> Floats:
         """One displacement per moving node from each partition's rows.
 
+        Raises InvalidInput if two partitions move one node differently; names its global id, the partitions and both
+        values.
+
         Parameters
         ----------
         boundary_displacements : one (k_p, d) array per partition
@@ -257,11 +226,6 @@ class MergedMesh:
         -------
         (k, d) array
             Rows in the order of ``moving``.
-
-        Raises
-        ------
-        InvalidInput
-            If two partitions move one node differently; names its global id, the partitions and both values.
         """
         if len(boundary_displacements) == 1:
             return self._single_gather(boundary_displacements[0])

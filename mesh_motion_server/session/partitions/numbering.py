@@ -29,22 +29,14 @@ _Error = TypeVar("_Error", bound=MeshMotionError)
 
 @dataclass(frozen=True, eq=False)
 class UploadView:
-    """The mesh in the senders' numbering.
+    """The mesh in the senders' numbering."""
 
-    Attributes
-    ----------
-    points : (n, d) array
-        Reference coordinates, mesh length unit.
-    cell_order : (m,) int64 array
-        Canonical number of each cell.
-    """
-
-    points: Floats
+    points: Floats  # (n, d). Reference coordinates, mesh length unit
     cells: CellTable
     patches: Mapping[str, Patch]
     facets: Mapping[str, Integers]
     near: CellTable
-    cell_order: Integers
+    cell_order: Integers  # (m,). Canonical number of each cell
     mesh: MergedMesh
 
     def name_cell(self, cell: int) -> dict[str, object]:

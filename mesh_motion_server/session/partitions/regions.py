@@ -22,28 +22,19 @@ __all__ = ["MergedRegion", "Rows", "merge_regions"]
 
 @dataclass(frozen=True, eq=False)
 class MergedRegion:
-    """The nodes and cells of all ranks' regions, in canonical order.
+    """The nodes and cells of all ranks' regions, in canonical order."""
 
-    Attributes
-    ----------
-    ids, rows : (n,) int64 arrays
-        Global ids, and indices in the boundary's mesh; -1 for a node that was not uploaded.
-    points, positions : (n, d) arrays, mesh length unit
-        Coordinates in the reference mesh, and after the interpolation.
-    held : (n,) bool array
-        Nodes on patches.
-    between, settled : (k,), (s,) int64 arrays
-        ``between``: global ids of the nodes in the region that several ranks have, and of all periodic nodes with an
-        image in the region. ``settled``: the global ids among them whose cells are all sent.
-    """
-
+    #: ids, rows: (n,). Global ids, and indices in the boundary's mesh; -1 for a node that was not uploaded
     ids: Integers
     rows: Integers
+    #: points, positions: (n, d), mesh length unit. Coordinates in the reference mesh, and after the interpolation
     points: Floats
     positions: Floats
     cells: CellTable
-    held: Marks
+    held: Marks  # (n,) bool. Nodes on patches
     elsewhere: Elsewhere
+    #: between, settled: (k,), (s,). ``between``: global ids of the nodes in the region that several ranks have, and of
+    #: all periodic nodes with an image in the region. ``settled``: the global ids among them whose cells are all sent
     between: Integers
     settled: Integers
 
@@ -52,6 +43,8 @@ def merge_regions(
     mesh: MergedMesh, regions: Sequence[Region], known: Callable[[Integers], Floats], orbits: Integers
 ) -> MergedRegion:
     """Join the regions of all partitions.
+
+    Raises InvalidInput if a partition sends impossible cells or nodes.
 
     Parameters
     ----------
@@ -63,11 +56,6 @@ def merge_regions(
         Indices (k,) of nodes in ``mesh`` → positions (k, d) to which the interpolation takes them.
     orbits : (n,) int64 array
         The node of ``mesh`` that represents each node and its periodic images.
-
-    Raises
-    ------
-    InvalidInput
-        If a partition sends impossible cells or nodes.
     """
     for number, one in enumerate(regions):
         if one.points.shape[1] != mesh.points.shape[1]:

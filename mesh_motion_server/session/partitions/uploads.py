@@ -28,24 +28,12 @@ _Rows = NDArray[Any]
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """One part of one item.
+    """One part of one item."""
 
-    Attributes
-    ----------
-    item : str
-        One of :data:`ITEMS`.
-    name : str
-        The type of the cells or facets, or the patch's name.
-    role : str
-        The patch's role.
-    rows : (k, c) array
-        float64 coordinates, or int64 indices and ids; cells also int32.
-    """
-
-    item: str
-    name: str
-    role: str
-    rows: NDArray[Any]
+    item: str  # one of :data:`ITEMS`
+    name: str  # the type of the cells or facets, or the patch's name
+    role: str  # the patch's role
+    rows: NDArray[Any]  # (k, c). float64 coordinates, or int64 indices and ids; cells also int32
 
 
 @dataclass
@@ -117,12 +105,8 @@ class MeshUpload:
     def add(self, partition: int, part: Part) -> int:
         """Append one part; return the number of rows that the partition has now for this item and name.
 
-        Raises
-        ------
-        InvalidInput
-            On an unknown item, name or role, a wrong shape or type, or a coordinate that is not finite.
-        ResourceExhausted
-            If the session's byte budget is exceeded.
+        Raises InvalidInput on an unknown item, name or role, a wrong shape or type, or a coordinate that is not finite.
+        Raises ResourceExhausted if the session's byte budget is exceeded.
         """
         pile = self._piles[partition]
         self._check(part, partition, pile)
@@ -152,10 +136,7 @@ class MeshUpload:
     def check_reaches(self, reaches: Sequence[float]) -> None:
         """Check that the reach that each partition names for cells near moving walls was requested.
 
-        Raises
-        ------
-        InvalidInput
-            Naming the first partition whose reach is neither 0 nor :attr:`reach`.
+        Raises InvalidInput naming the first partition whose reach is neither 0 nor :attr:`reach`.
         """
         for partition, reach in enumerate(reaches):
             if reach not in (0.0, self.reach):
@@ -177,10 +158,7 @@ class MeshUpload:
     def meshes(self) -> list[PartitionMesh]:
         """Each partition's mesh from its parts.
 
-        Raises
-        ------
-        InvalidInput
-            If a partition sent no nodes, or if needed global ids are missing.
+        Raises InvalidInput if a partition sent no nodes, or if needed global ids are missing.
         """
         return [self._mesh(number, pile) for number, pile in enumerate(self._piles)]
 

@@ -15,21 +15,11 @@ __all__ = ["Place", "StepFold", "is_corrected", "number_of"]
 
 @dataclass(frozen=True)
 class Place:
-    """The step of an event, and its effect on other steps.
+    """The step of an event, and its effect on other steps."""
 
-    Attributes
-    ----------
-    step : int
-        The step that was in progress; 0: unknown.
-    undone : int
-        The steps from this one on are undone; 0: none.
-    is_fresh : bool
-        Whether earlier events of an uncommitted step belong to another step, or were dropped.
-    """
-
-    step: int
-    undone: int = 0
-    is_fresh: bool = False
+    step: int  # the step that was in progress; 0: unknown
+    undone: int = 0  # the steps from this one on are undone; 0: none
+    is_fresh: bool = False  # whether earlier events of an uncommitted step belong to another step, or were dropped
 
 
 class StepFold:

@@ -33,23 +33,7 @@ _AHEAD = ("moved", "rolled_back")
 
 @dataclass(frozen=True)
 class SessionView:
-    """The state of a session, read from its folder.
-
-    Attributes
-    ----------
-    step : int
-        The last committed step in the journal, or in the history if that is later (``relaxed``) and not lost in a crash
-        (a process still holds the session).
-    state : str
-        The state after the last event: READY, TRIAL, SUSPENDED, FROZEN, CLOSED or FAILED; for a session without events
-        READY, FAILED if its files do not verify, UNREADABLE if the disk does not give them.
-    held : bool or None
-        Whether a process holds it; None if the system does not report it.
-    changed_at : float
-        Unix time of the last event, or of the folder's last change if there is no event.
-    recorded : bool
-        Whether it has a history.
-    """
+    """The state of a session, read from its folder."""
 
     session: str
     label: str
@@ -57,11 +41,15 @@ class SessionView:
     dimension: int
     partitions: int
     durability: str
+    #: The last committed step in the journal, or in the history if that is later (``relaxed``) and not lost in a crash
+    #: (a process still holds the session).
     step: int
+    #: The state after the last event: READY, TRIAL, SUSPENDED, FROZEN, CLOSED or FAILED; for a session without events
+    #: READY, FAILED if its files do not verify, UNREADABLE if the disk does not give them.
     state: str
-    held: bool | None
-    changed_at: float
-    recorded: bool
+    held: bool | None  # whether a process holds it; None if the system does not report it
+    changed_at: float  # unix time of the last event, or of the folder's last change if there is no event
+    recorded: bool  # whether it has a history
 
 
 class Sessions:

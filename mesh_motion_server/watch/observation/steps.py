@@ -19,32 +19,17 @@ Event = dict[str, Any]
 
 @dataclass(frozen=True)
 class HistoryDigest:
-    """Summary of the committed steps of a history.
+    """Summary of the committed steps of a history."""
 
-    Attributes
-    ----------
-    spans : list of (int, int)
-        First and last step of each range without a gap.
-    worst_step : int
-        The recorded step with the lowest committed minimum; 0: none.
-    worst_quality : float or None
-        The minimum of that step, in the session's quality metric.
-    corrected_steps : int
-        Number of recorded steps with enrichment points or freed nodes.
-    refusals, rollbacks : int
-        Refused Moves and roll-backs in these steps.
-    boundary_steps : int
-        A replay is possible from step 1 up to this one.
-    """
-
-    spans: list[tuple[int, int]]
-    worst_step: int
-    worst_quality: float | None
+    spans: list[tuple[int, int]]  # first and last step of each range without a gap
+    worst_step: int  # the recorded step with the lowest committed minimum; 0: none
+    worst_quality: float | None  # the minimum of that step, in the session's quality metric
     metric: str
-    corrected_steps: int
+    corrected_steps: int  # number of recorded steps with enrichment points or freed nodes
+    #: refusals, rollbacks: refused Moves and roll-backs in these steps
     refusals: int
     rollbacks: int
-    boundary_steps: int
+    boundary_steps: int  # a replay is possible from step 1 up to this one
 
     @property
     def recorded(self) -> str:
@@ -85,12 +70,8 @@ def _spans(steps: list[int]) -> list[tuple[int, int]]:
 def events_of_step(session_folder: Path, step: int) -> list[Event]:
     """All events during a step, and other events that name it, oldest first.
 
-    A step that was lost in a crash includes the event that reset it, and all attempts if it was made again.
-
-    Raises
-    ------
-    InvalidInput
-        If it is not recorded; names the recorded steps.
+    A step that was lost in a crash includes the event that reset it, and all attempts if it was made again. Raises
+    InvalidInput if it is not recorded; names the recorded steps.
     """
     fold, found, counts = StepFold(), [], False
     for event in read_events(session_folder):

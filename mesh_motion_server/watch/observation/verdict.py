@@ -140,27 +140,15 @@ class Latest:
 
 @dataclass(frozen=True)
 class Verdict:
-    """The state of a session in one line.
+    """The state of a session in one line."""
 
-    Attributes
-    ----------
-    kind : str
-        running, degrading, refused, stalled, suspended, frozen, failed, closed, at rest, worker fell, server gone or
-        no mesh yet.
-    tone : str
-        good, warn, bad, or empty if nothing runs.
-    why : str
-        The rest of the line; does not change while nothing happens.
-    since : float
-        Unix time when this state began; for a running session, its last commit. 0: unknown.
-    ends_at : float
-        Unix time when a running session will end, from the final step that its client sent. 0: unknown.
-    """
-
+    #: running, degrading, refused, stalled, suspended, frozen, failed, closed, at rest, worker fell, server gone or no
+    #: mesh yet.
     kind: str
-    tone: Tone
-    why: str
-    since: float
+    tone: Tone  # good, warn, bad, or empty if nothing runs
+    why: str  # the rest of the line; does not change while nothing happens
+    since: float  # unix time when this state began; for a running session, its last commit. 0: unknown
+    #: Unix time when a running session will end, from the final step that its client sent. 0: unknown.
     ends_at: float = 0.0
 
     def line(self, now: float) -> str:

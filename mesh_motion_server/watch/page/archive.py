@@ -140,13 +140,7 @@ def as_json(value: Any) -> bytes:
 
 
 def integer(text: str | None, default: Callable[[], Value]) -> int | Value:
-    """A non-negative integer of a request, or the default.
-
-    Raises
-    ------
-    InvalidInput
-        If it is something else.
-    """
+    """A non-negative integer of a request, or the default. Raises InvalidInput if it is something else."""
     if text is None:
         return default()
     if not (text.isascii() and text.isdigit() and len(text) < 16):

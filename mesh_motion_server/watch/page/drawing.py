@@ -22,12 +22,7 @@ _WIDTH_MM, _DPI = 125.0, 200
 def draw(session_folder: Path, *, dark: bool) -> bytes:
     """PNG of the stored mesh.
 
-    Raises
-    ------
-    InvalidInput
-        If it is too large, or has one dimension.
-    DataLoss
-        If the files do not verify.
+    Raises InvalidInput if it is too large, or has one dimension. Raises DataLoss if the files do not verify.
     """
     mesh = session_folder / MESH
     if mesh.exists() and mesh.stat().st_size > _MESH_BYTES:

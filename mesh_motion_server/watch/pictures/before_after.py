@@ -34,23 +34,14 @@ _HISTORY = 0.22
 
 @dataclass(frozen=True, eq=False)
 class MeshPair:
-    """A mesh at two times.
-
-    Attributes
-    ----------
-    metric : str
-        The quality metric of the snapshots.
-    titles : (str, str)
-        The titles of the two meshes.
-    enrichment_points : (k, d) array
-        Places where enrichment functions were added in the step of ``after``; empty if unknown.
-    """
+    """A mesh at two times."""
 
     label: str
-    metric: str
+    metric: str  # the quality metric of the snapshots
     before: Snapshot
     after: Snapshot
-    titles: tuple[str, str]
+    titles: tuple[str, str]  # the titles of the two meshes
+    #: (k, d). Places where enrichment functions were added in the step of ``after``; empty if unknown.
     enrichment_points: Floats = field(default_factory=lambda: np.empty((0, 1)))
 
 

@@ -43,6 +43,8 @@ def draw_history(
 ) -> Any:
     """A matplotlib figure of the runs' history; make and save it within :func:`~.page.styled`.
 
+    Raises InvalidInput if the runs have no step.
+
     Parameters
     ----------
     runs : sequence of Run
@@ -51,11 +53,6 @@ def draw_history(
         None: the label of a single run; "": none.
     panels : sequence of str, optional
         Panels of :data:`PANELS`, from top to bottom; None: all that have data to show.
-
-    Raises
-    ------
-    InvalidInput
-        If the runs have no step.
     """
     if not any(len(run.step) for run in runs):
         raise InvalidInput(

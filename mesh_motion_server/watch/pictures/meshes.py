@@ -47,19 +47,15 @@ _TRIES = 4
 def read_pair(folder: Path, metric: str | None = None, first: int | None = None, last: int | None = None) -> MeshPair:
     """The meshes of a run before and after.
 
+    Raises InvalidInput if it is not a run, or does not have these steps. Raises DataLoss if the files of a session do
+    not verify.
+
     Parameters
     ----------
     metric : str, optional
         One of :data:`~.runs.METRICS` or FACE_METRICS; None: a session's own, size-skew of a played case.
     first, last : int, optional
         Steps; by default the opening, and the worst step of a played case or the stored step of a session.
-
-    Raises
-    ------
-    InvalidInput
-        If it is not a run, or does not have these steps.
-    DataLoss
-        If the files of a session do not verify.
     """
     check_metric(metric, (*METRICS, *FACE_METRICS))
     if is_played(folder):
@@ -74,10 +70,7 @@ def pair_of(
 ) -> tuple[Snapshot, Snapshot]:
     """Snapshots of a mesh at two times, its quality against the ``reference`` coordinates (n, d).
 
-    Raises
-    ------
-    InvalidInput
-        If the mesh has one dimension: there is nothing to draw.
+    Raises InvalidInput if the mesh has one dimension: there is nothing to draw.
     """
     if cells.dimension < 2:
         raise InvalidInput("a mesh of one dimension has no picture", hint="--show history draws its quality")

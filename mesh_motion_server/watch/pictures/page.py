@@ -49,25 +49,13 @@ _SLIDE_POINTS = 12.0
 
 @dataclass(frozen=True)
 class Page:
-    """The paper that a figure is drawn on.
+    """The paper that a figure is drawn on."""
 
-    Attributes
-    ----------
-    width : float
-        mm.
-    height : float or None
-        mm; None: the height of the content.
-    points : float
-        Size of the type.
-    dpi : int
-        Resolution of PNG, and of pixel images inside SVG and PDF.
-    """
-
-    width: float = 140.0
-    height: float | None = None
+    width: float = 140.0  # mm
+    height: float | None = None  # mm; None: the height of the content
     theme: Theme = LIGHT
-    points: float = _POINTS
-    dpi: int = 300
+    points: float = _POINTS  # size of the type
+    dpi: int = 300  # resolution of PNG, and of pixel images inside SVG and PDF
 
     def inches(self, natural_height: float) -> tuple[float, float]:
         """Width and height, inches; ``natural_height`` (mm) is the height of the content."""
@@ -77,9 +65,7 @@ class Page:
 def parse_size(text: str) -> tuple[float, float | None, float]:
     """Width and height, mm, and the size of the type, points, of a preset's name, ``120`` or ``120x80``.
 
-    Raises
-    ------
-    InvalidInput
+    Raises InvalidInput for other texts.
     """
     if text in PRESETS:
         return *PRESETS[text], _SLIDE_POINTS if text == "slide" else _POINTS
@@ -159,12 +145,8 @@ def blank(page: Page, height: float, *, fixed_aspect: bool = False) -> Any:
 def save(figure: Any, path: Path, page: Page) -> None:
     """Write a matplotlib figure; the suffix chooses the format, and the file is replaced in one step.
 
-    Raises
-    ------
-    InvalidInput
-        For a suffix that is not in :data:`FORMATS`.
-    ResourceExhausted
-        If the file cannot be written.
+    Raises InvalidInput for a suffix that is not in :data:`FORMATS`. Raises ResourceExhausted if the file cannot be
+    written.
     """
     kind = format_of(path)
     nothing: dict[str, Any] = {"png": {"Software": None}, "svg": {"Date": None}, "pdf": {"CreationDate": None}}[kind]
@@ -189,12 +171,7 @@ def _make_inert(figure: Any) -> None:
 
 
 def format_of(path: Path) -> str:
-    """Return one of :data:`FORMATS`, by the suffix.
-
-    Raises
-    ------
-    InvalidInput
-    """
+    """Return one of :data:`FORMATS`, by the suffix. Raises InvalidInput."""
     kind = path.suffix.lower().removeprefix(".")
     if kind not in FORMATS:
         raise InvalidInput(

@@ -18,30 +18,20 @@ INVERTED_COLOUR = "#e5007d"
 
 @dataclass(frozen=True)
 class Theme:
-    """The colours of a picture on light or dark paper.
+    """The colours of a picture on light or dark paper."""
 
-    Attributes
-    ----------
-    paper, ink, faint : str
-        Background; text and outlines; grids and background items.
-    edge : str
-        Edges of cells, with an opacity.
-    runs : tuple of str
-        Lines of runs, in order: Okabe and Ito's blue, vermilion, green, purple, orange and light blue, lighter on dark
-        paper where their contrast would be below 3 : 1.
-    dashes : tuple
-        matplotlib's line styles of the same runs.
-    refused, enriched : str
-        Marks of refused motions; of enrichment points.
-    """
-
+    #: paper, ink, faint: background; text and outlines; grids and background items
     paper: str
     ink: str
     faint: str
-    edge: str
+    edge: str  # edges of cells, with an opacity
+    #: Lines of runs, in order: Okabe and Ito's blue, vermilion, green, purple, orange and light blue, lighter on dark
+    #: paper where their contrast would be below 3 : 1.
     runs: tuple[str, ...]
+    #: refused, enriched: marks of refused motions; of enrichment points
     refused: str
     enriched: str
+    #: matplotlib's line styles of the same runs.
     dashes: tuple[object, ...] = ("-", (0, (5, 1.5)), (0, (4, 1.2, 1, 1.2)), (0, (2, 1)), (0, (7, 2)), (0, (1, 1)))
 
 

@@ -41,26 +41,15 @@ _RECORDED = ("size-skew", "size", "skew")
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """The history of a run.
-
-    Attributes
-    ----------
-    metric : str
-        The metric of its qualities.
-    threshold : float or None
-        The quality below which motions are corrected; None: unknown, or of another metric.
-    columns : dict of str to (s,) arrays
-        Values by committed step, with the names of :class:`~mesh_motion_server.watch.observation.series.Series`; NaN if
-        unknown.
-    refused : tuple of int
-        The steps for which a motion was refused.
-    """
+    """The history of a run."""
 
     label: str
-    metric: str
-    threshold: float | None
+    metric: str  # the metric of its qualities
+    threshold: float | None  # the quality below which motions are corrected; None: unknown, or of another metric
+    #: (s,) each. Values by committed step, with the names of
+    #: :class:`~mesh_motion_server.watch.observation.series.Series`; NaN if unknown.
     columns: Columns
-    refused: tuple[int, ...] = ()
+    refused: tuple[int, ...] = ()  # the steps for which a motion was refused
 
     @property
     def step(self) -> Floats:
@@ -70,10 +59,7 @@ class Run:
     def between(self, first: int | None, last: int | None) -> Run:
         """The run from step ``first`` to ``last`` (None: from the beginning, to the end).
 
-        Raises
-        ------
-        InvalidInput
-            If no step is left.
+        Raises InvalidInput if no step is left.
         """
         low = -math.inf if first is None else first
         high = math.inf if last is None else last
@@ -94,17 +80,13 @@ class Run:
 def read_runs(folders: Sequence[Path], metric: str | None = None) -> list[Run]:
     """The history of each run, labels made distinct.
 
+    Raises InvalidInput if a folder is not a run, or has no history. Raises DataLoss if the ``spec.json`` of a session
+    cannot be read.
+
     Parameters
     ----------
     metric : str, optional
         One of :data:`METRICS`; None: a session's own, size-skew of a played case.
-
-    Raises
-    ------
-    InvalidInput
-        If a folder is not a run, or has no history.
-    DataLoss
-        If the ``spec.json`` of a session cannot be read.
     """
     check_metric(metric, METRICS)
     runs = [_read(folder, metric) for folder in folders]
@@ -205,15 +187,12 @@ def is_played(folder: Path) -> bool:
 def read_played(folder: Path, metric: str | None = None) -> Run:
     """Read the run whose results ``mesh-motion play`` wrote to a folder.
 
+    Raises InvalidInput if its ``steps.csv`` is not valid.
+
     Parameters
     ----------
     metric : str, optional
         Name in the columns of ``steps.csv``; None: the run's own metric.
-
-    Raises
-    ------
-    InvalidInput
-        If its ``steps.csv`` is not valid.
     """
     table, summary = _read_steps(folder / "steps.csv"), _read_summary(folder / "summary.json")
     method = summary.get("method", {})

@@ -24,17 +24,10 @@ _MOST_CORNERS = 6
 
 @dataclass(frozen=True, eq=False)
 class Polygons:
-    """Polygons, with the number of each polygon's cell.
+    """Polygons, with the number of each polygon's cell."""
 
-    Attributes
-    ----------
-    corners : (p, k, 2) array
-        Polygons of fewer corners repeat their last one.
-    cells : (p,) int64 array
-    """
-
-    corners: Floats
-    cells: Integers
+    corners: Floats  # (p, k, 2). Polygons of fewer corners repeat their last one
+    cells: Integers  # (p,)
 
 
 def flat(points: Floats, cells: CellTable) -> Polygons:

@@ -21,30 +21,17 @@ _LEAST_MARGIN = 0.02
 
 @dataclass(frozen=True, eq=False)
 class Snapshot:
-    """A mesh at one time, with the data that a picture needs.
+    """A mesh at one time, with the data that a picture needs."""
 
-    Attributes
-    ----------
-    step : int
-        0 at opening.
-    points : (n, d) array
-    quality : (m,) array
-        Quality of each cell.
-    moving : (k,) int64 array
-        The moving nodes.
-    folded : (m,) bool array, optional
-        The inverted cells; if omitted, cells of quality 0 or less, as for a metric that includes the size.
-    scale : (bad, good)
-        Values at the ends of the colour map.
-    """
-
-    step: int
-    points: Floats
+    step: int  # 0 at opening
+    points: Floats  # (n, d)
     cells: CellTable
-    quality: Floats
-    moving: Integers
+    quality: Floats  # (m,). Quality of each cell
+    moving: Integers  # (k,). The moving nodes
+    #: (m,) bool. The inverted cells; if omitted, cells of quality 0 or less, as for a metric that includes
+    #: the size.
     folded: Marks | None = None
-    scale: tuple[float, float] = (0.0, 1.0)
+    scale: tuple[float, float] = (0.0, 1.0)  # (bad, good). Values at the ends of the colour map
 
     @property
     def inverted(self) -> Marks:

@@ -40,9 +40,7 @@ class FolderSource:
     def sessions(self) -> list[dict[str, Any]]:
         """All sessions in the form of :class:`Overview`, first those that a process holds, then by label.
 
-        Raises
-        ------
-        Unreadable
+        Raises Unreadable if the folder is not there or cannot be read.
         """
         if not self._root.is_dir():
             raise Unreadable("the folder is not there (yet)")

@@ -35,11 +35,7 @@ class Look:
 def look_at(source: FolderSource, wanted: str | None) -> Look:
     """Read the sessions, and the details of ``wanted`` (a label or the beginning of an id), else of the last changed.
 
-    Raises
-    ------
-    Unreadable
-    SessionError
-        NOT_FOUND, if no session matches.
+    Raises Unreadable as :meth:`~.sources.FolderSource.sessions`, and SessionError (NOT_FOUND) if no session matches.
     """
     sessions = source.sessions()
     chosen = _place(sessions, wanted)

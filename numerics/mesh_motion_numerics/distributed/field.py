@@ -30,26 +30,18 @@ Ints = NDArray[np.int64]
 
 @dataclass(frozen=True, eq=False)
 class Field:
-    """An interpolant of d components: a spline, if there are boxes, and sums over centres.
+    """An interpolant of d components: a spline, if there are boxes, and sums over centres."""
 
-    Attributes
-    ----------
-    sums : sequence of dict
-        Plain values: ``basis``, ``radius``, ``centres`` (their number), the grid of all centres of the sum (``origin``,
-        ``inverse_side``, ``extent``, ``shape``), and with a polynomial its ``centre`` and ``scale``. Without a spline
-        the first sum is the coarse field. All others are compact levels, in their order.
-    centres : (c, d) array, mesh length unit
-        The centres of all sums, one sum after the other.
-    boxes : (b, 14) array
-        The boxes of the spline, finest first: lower corner (3), inverse spacing, cells (3), first row of the box's
-        coefficients among all; along each axis the first (3) and the last + 1 (3) of the coefficients that are present.
-    coefficients : (r, d) array
-        For each sum its weights, then the coefficients of its polynomial; after all sums those of the spline.
-    """
-
+    #: Plain values: ``basis``, ``radius``, ``centres`` (their number), the grid of all centres of the sum (``origin``,
+    #: ``inverse_side``, ``extent``, ``shape``), and with a polynomial its ``centre`` and ``scale``. Without a spline
+    #: the first sum is the coarse field. All others are compact levels, in their order.
     sums: Sequence[Mapping[str, Any]]
-    centres: Floats
+    centres: Floats  # (c, d), mesh length unit. The centres of all sums, one sum after the other
+    #: (b, 14). The boxes of the spline, finest first: lower corner (3), inverse spacing, cells (3), first row of the
+    #: box's coefficients among all; along each axis the first (3) and the last + 1 (3) of the coefficients that are
+    #: present.
     boxes: Floats
+    #: (r, d). For each sum its weights, then the coefficients of its polynomial; after all sums those of the spline.
     coefficients: Floats
 
     @classmethod
@@ -131,18 +123,10 @@ class Field:
 
 @dataclass(frozen=True, eq=False)
 class FieldPart:
-    """The part of fields of one boundary for the points of a box.
+    """The part of fields of one boundary for the points of a box."""
 
-    Attributes
-    ----------
-    own : Field
-        The part of one of these fields.
-    rows : (r,) int64 array, or slice
-        The rows of the part among the coefficients of a whole field.
-    """
-
-    own: Field
-    rows: Ints | slice
+    own: Field  # the part of one of these fields
+    rows: Ints | slice  # (r,), or slice. The rows of the part among the coefficients of a whole field
 
     @classmethod
     def whole(cls, field: Field) -> Self:

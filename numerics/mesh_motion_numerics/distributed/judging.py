@@ -110,10 +110,7 @@ def report_fields(
 def read_report(fields: Mapping[str, Any], number: Callable[[str, int], int], *, partition: int) -> RankReport:
     """Read the fields of a JUDGE; ``number`` gives a cell's number from its type and its number within the type.
 
-    Raises
-    ------
-    InvalidInput
-        If the fields do not fit together.
+    Raises InvalidInput if the fields do not fit together.
     """
     with reading("JUDGE", partition):
         return _read_report(fields, number)
@@ -175,12 +172,8 @@ def _content(bins: NDArray[np.int64], values: NDArray[np.float64]) -> BinContent
 def summary_of(ranks: Sequence[RankReport], metric: str) -> QualitySummary:
     """Return the quality of all cells.
 
-    Raises
-    ------
-    Unanswered
-        If more bins are needed.
-    InvalidInput
-        If a rank reports other metrics, or the reports of the ranks do not fit together.
+    Raises Unanswered if more bins are needed. Raises InvalidInput if a rank reports other metrics, or the reports of
+    the ranks do not fit together.
     """
 
     def ask(questions: Questions) -> list[list[BinContent]]:

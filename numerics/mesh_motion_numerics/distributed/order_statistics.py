@@ -46,18 +46,13 @@ WHOLE: Way = ()
 
 @dataclass(frozen=True, eq=False)
 class BinContent:
-    """The values of one machine in a bin.
+    """The values of one machine in a bin."""
 
-    Attributes
-    ----------
-    bins : (c,) uint16 array, counts : (c,) uint32 array
-        Parts of the bin that have values, and the number of values in each.
-    values, repeated : (v,) arrays or None
-        The different values, ascending, and how often each occurs, if there are few.
-    """
-
+    #: parts, counts: (c,) uint16, (c,) uint32. Parts of the bin that have values, and the number of values in each.
     bins: NDArray[np.uint16]
     counts: NDArray[np.uint32]
+    #: values, repeated: (v,) arrays or None. The different values, ascending, and how often each occurs, if there are
+    #: few
     values: Floats | None
     repeated: Ints | None
 

@@ -37,6 +37,8 @@ Ints = NDArray[np.int64]
 class Rank:
     """The nodes and cells of one partition.
 
+    Raises InvalidInput if a cell is unusable, or a node is in none.
+
     Parameters
     ----------
     points : (n, d) array, mesh length unit
@@ -52,11 +54,6 @@ class Rank:
         Nodes that the server must know, ascending: nodes on patches, on the boundary of this partition (also towards
         other partitions, because these may have a patch there), and the nodes that span its bounding box. After them
         the nodes of the cells near moving walls.
-
-    Raises
-    ------
-    InvalidInput
-        If a cell is unusable, or a node is in none.
     """
 
     def __init__(self, points: Floats, cells: Mapping[str, NDArray[np.integer]], patch_nodes: Ints) -> None:

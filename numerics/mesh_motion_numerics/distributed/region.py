@@ -29,19 +29,11 @@ ALL = 2.0
 
 @dataclass(frozen=True)
 class Extent:
-    """The choice of the cells that are sent.
-
-    Attributes
-    ----------
-    below : float
-        Cells with a lower quality are sent; :data:`ALL`: all cells.
-    rings : int
-        Number of rings of cells around these cells, or around given nodes, that are sent too.
-    """
+    """The choice of the cells that are sent."""
 
     metric: str
-    below: float
-    rings: int
+    below: float  # cells with a lower quality are sent; :data:`ALL`: all cells
+    rings: int  # number of rings of cells around these cells, or around given nodes, that are sent too
 
     @classmethod
     def of(cls, plain: Mapping[str, Any]) -> Self:
@@ -55,42 +47,23 @@ class Extent:
 
 @dataclass(frozen=True, eq=False)
 class Region:
-    """The data that one rank sent.
-
-    Attributes
-    ----------
-    ids : (r,) int64 array
-        Global ids of the nodes.
-    whole : (r,) bool array
-        Whether all cells of the rank at the node are sent.
-    points, positions : (r, d) arrays, mesh length unit
-        Coordinates in the reference mesh, and after the field's displacement.
-    cells : dict
-        Type → (m, k) rows of nodes.
-    interior : int
-        Number of nodes of the rank that the server does not have.
-    extremes : (float, float)
-        Smallest relative skew and size of the cells that are not sent; 1 without such cells.
-    """
+    """The data that one rank sent."""
 
     extent: Extent
-    ids: Ints
-    whole: NDArray[np.bool_]
+    ids: Ints  # (r,). Global ids of the nodes
+    whole: NDArray[np.bool_]  # (r,) bool. Whether all cells of the rank at the node are sent
+    #: points, positions: (r, d), mesh length unit. Coordinates in the reference mesh, and after the field's
+    #: displacement
     points: Floats
     positions: Floats
-    cells: Mapping[str, Ints]
-    interior: int
+    cells: Mapping[str, Ints]  # type → (m, k) rows of nodes
+    interior: int  # number of nodes of the rank that the server does not have
+    #: (float, float). Smallest relative skew and size of the cells that are not sent; 1 without such cells.
     extremes: tuple[float, float]
 
     @classmethod
     def read(cls, fields: Mapping[str, Any], *, partition: int) -> Self:
-        """Read the fields of a CORRECT.
-
-        Raises
-        ------
-        InvalidInput
-            If the fields do not fit together.
-        """
+        """Read the fields of a CORRECT. Raises InvalidInput if the fields do not fit together."""
         with reading("CORRECT", partition):
             return cls._read(fields)
 

@@ -29,24 +29,15 @@ WORST = 10
 
 @dataclass(frozen=True, eq=False)
 class PartialSummary:
-    """The quality of one partition's cells.
-
-    Attributes
-    ----------
-    sums, minima : dict of str to float
-        Sum and minimum of each metric.
-    contents : dict of str to BinContent
-        All values of each metric in bins.
-    worst : tuple of WorstCell
-        The worst cells of the partition.
-    """
+    """The quality of one partition's cells."""
 
     cells: int
     inverted: int
+    #: sums, minima: sum and minimum of each metric
     sums: dict[str, float]
     minima: dict[str, float]
-    contents: dict[str, BinContent]
-    worst: tuple[WorstCell, ...]
+    contents: dict[str, BinContent]  # all values of each metric in bins
+    worst: tuple[WorstCell, ...]  # the worst cells of the partition
 
 
 def joined(

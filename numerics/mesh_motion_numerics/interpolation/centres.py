@@ -25,35 +25,16 @@ __all__ = ["CentreLayout"]
 
 @dataclass(frozen=True, eq=False)
 class CentreLayout:
-    """Sorted centres and the grid that finds them.
+    """Sorted centres and the grid that finds them."""
 
-    Attributes
-    ----------
-    order : (nc,) int64 array
-        Row ``j`` of the sorted arrays is control point ``order[j]``.
-    coordinates : (3, nc) array
-    origin : (3,) array
-        Lower corner of all centres.
-    inverse_side : float
-        0 for a single cell.
-    extent : float
-        Extent of all centres along their longest axis.
-    shape : (3,) int64 array
-        Cells along each axis.
-    starts : (n_cells + 1,) int64 array
-        First sorted centre of each cell, x fastest.
-    fraction : float
-        Mean share of the centres in the cells around a centre, which a sum visits.
-    """
-
-    order: Integers
-    coordinates: Floats
-    origin: Floats
-    inverse_side: float
-    extent: float
-    shape: Integers
-    starts: Integers
-    fraction: float
+    order: Integers  # (nc,). Row ``j`` of the sorted arrays is control point ``order[j]``
+    coordinates: Floats  # (3, nc)
+    origin: Floats  # (3,). Lower corner of all centres
+    inverse_side: float  # 0 for a single cell
+    extent: float  # extent of all centres along their longest axis
+    shape: Integers  # (3,). Cells along each axis
+    starts: Integers  # (n_cells + 1,). First sorted centre of each cell, x fastest
+    fraction: float  # mean share of the centres in the cells around a centre, which a sum visits
 
     @classmethod
     def build(cls, control_points: Floats, basis: Basis, support_radius: float) -> CentreLayout:

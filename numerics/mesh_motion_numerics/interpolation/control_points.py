@@ -17,15 +17,12 @@ _SAME_POINT = 1e-13
 def checked_control_points(control_points: ArrayLike, spacing: Floats | None = None) -> Floats:
     """Return a contiguous copy of (nc, d) control points, d = 1, 2 or 3.
 
+    Raises InvalidInput on two points that coincide.
+
     Parameters
     ----------
     spacing : (nc,) array, optional
         Result of :func:`~mesh_motion_numerics.mesh.spacing.local_spacing`, if it is known.
-
-    Raises
-    ------
-    InvalidInput
-        On two points that coincide.
     """
     points = np.array(control_points, dtype=np.float64, order="C")
     if len(points) < 2:

@@ -32,12 +32,8 @@ def prepare(
 ) -> NearOperators:
     """The compact levels' operators at (n, d) points; at the rows ``skipped`` (r,) the operators are zero.
 
-    It saves work if many interpolants of the same control points are evaluated at the same points.
-
-    Raises
-    ------
-    InvalidInput
-        If the points' dimension is not the interpolant's.
+    It saves work if many interpolants of the same control points are evaluated at the same points. Raises InvalidInput
+    if the points' dimension is not the interpolant's.
     """
     _check_dimension(interpolant, points)
     return tuple(NearOperator.build(level, points, skipped=skipped) for level in interpolant.levels)
@@ -50,17 +46,14 @@ def displacement(
 ) -> Floats:
     """(n, k) values at (n, d) points, thesis (2.5).
 
+    Raises InvalidInput if the points' dimension is not the interpolant's.
+
     Parameters
     ----------
     points : (n, d) array, mesh length unit
     prepared : NearOperators, optional
         Result of :func:`prepare` for these points and for an interpolant of the same factorization. The values are
         bitwise the same with and without it, except at the ``skipped`` rows.
-
-    Raises
-    ------
-    InvalidInput
-        If the points' dimension is not the interpolant's.
     """
     if isinstance(interpolant, Interpolant):
         _check_dimension(interpolant, points)
@@ -83,10 +76,7 @@ def displacement(
 def gradient(interpolant: AnyInterpolant, points: Floats) -> Floats:
     """(n, k, d) gradients ``[i, c, m] = ∂u_c/∂x_m`` at (n, d) points.
 
-    Raises
-    ------
-    InvalidInput
-        If the basis has no gradient at its centres, or the points' dimension is not the interpolant's.
+    Raises InvalidInput if the basis has no gradient at its centres, or the points' dimension is not the interpolant's.
     """
     require_gradient(interpolant.basis)
     _check_dimension(interpolant, points)

@@ -22,30 +22,17 @@ Shorts = NDArray[np.int32]
 
 @dataclass(frozen=True, eq=False)
 class HashedCells:
-    """Sorted points and the table that finds the points of a cell.
+    """Sorted points and the table that finds the points of a cell."""
 
-    Attributes
-    ----------
-    order : (n,) int64 array
-        Row ``j`` of the sorted arrays is point ``order[j]``.
-    coordinates : (3, n) array
-    origin : (3,) array
-    keys : (t,) int64 array
-        A hash table of the stored cells by their place in the grid, −1 in free entries; t is a power of two. For points
-        on a surface about a third of it is used.
-    spans : (t, 2) int32 array
-        [first, last) of each cell's runs.
-    runs : (r, 2) int32 array
-        [first, last) of sorted points.
-    """
-
-    order: Integers
-    coordinates: Floats
-    origin: Floats
+    order: Integers  # (n,). Row ``j`` of the sorted arrays is point ``order[j]``
+    coordinates: Floats  # (3, n)
+    origin: Floats  # (3,)
     inverse_side: float
+    #: (t,). A hash table of the stored cells by their place in the grid, −1 in free entries; t is a power of two. For
+    #: points on a surface about a third of it is used.
     keys: Integers
-    spans: Shorts
-    runs: Shorts
+    spans: Shorts  # (t, 2) int32. [first, last) of each cell's runs
+    runs: Shorts  # (r, 2) int32. [first, last) of sorted points
 
     @classmethod
     def build(cls, points: Floats, origin: Floats, extent: float, side: float) -> HashedCells:

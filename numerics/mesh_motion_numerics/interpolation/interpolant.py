@@ -35,23 +35,13 @@ __all__ = ["AllCentreFactorization", "Factorization", "Interpolant", "factorize"
 
 @dataclass(frozen=True, eq=False)
 class Interpolant:
-    """``s(x) = Σ_j γ_j φ(|x − x_j|/R) + p(x)``, thesis (2.1), for k components.
+    """``s(x) = Σ_j γ_j φ(|x − x_j|/R) + p(x)``, thesis (2.1), for k components."""
 
-    Attributes
-    ----------
-    control_points : (nc, d) array, mesh length unit
-    weights : (nc, k) array
-        γ.
-    support_radius : float, mesh length unit
-    layout : CentreLayout
-        The control points laid out for evaluation.
-    """
-
-    control_points: Floats
-    weights: Floats
+    control_points: Floats  # (nc, d), mesh length unit
+    weights: Floats  # (nc, k). γ
     basis: Basis
-    support_radius: float
-    layout: CentreLayout
+    support_radius: float  # mesh length unit
+    layout: CentreLayout  # the control points laid out for evaluation
     polynomial: Polynomial | None = None
 
     @property
@@ -105,6 +95,10 @@ def factorize(
 ) -> AllCentreFactorization:
     """Prepare the interpolation from control points, with the linear polynomial (thesis §2.1.2) if the basis needs it.
 
+    Raises InvalidInput on two points that coincide, points that do not determine the polynomial, an unusable basis or
+    radius, or a solver that does not fit the basis. Raises QualityRefused if the matrix is singular to working
+    precision. Raises ResourceExhausted if its factors would take too much memory (:mod:`.factorizations.memory_bound`).
+
     Parameters
     ----------
     control_points : (nc, d) array, mesh length unit
@@ -121,16 +115,6 @@ def factorize(
     smoothing : (nc,) array, optional
         λ: s minimises |s|² + Σ (s(x_j) − u_j)² / λ_j in the norm of the basis, which must be positive definite; by
         default it interpolates. The solver is then "dense".
-
-    Raises
-    ------
-    InvalidInput
-        On two points that coincide, points that do not determine the polynomial, an unusable basis or radius, or a
-        solver that does not fit the basis.
-    QualityRefused
-        If the matrix is singular to working precision.
-    ResourceExhausted
-        If its factors would take too much memory (:mod:`.factorizations.memory_bound`).
     """
     row = basis_named(basis)
     radius = checked_radius(support_radius, row)

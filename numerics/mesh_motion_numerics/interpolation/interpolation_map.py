@@ -56,17 +56,14 @@ def interpolation_map(
 ) -> InterpolationMap:
     """Return the map of a factorization to (n, d) places.
 
+    Raises InvalidInput if the control points are reduced: that map has no transpose.
+
     Parameters
     ----------
     factors : FactorSource, optional
         Source of the compact levels' operators that a motion has made.
     left_out : (r,) int64 array, optional
         Places whose values are not used; their weights are zero.
-
-    Raises
-    ------
-    InvalidInput
-        If the control points are reduced: that map has no transpose.
     """
     if isinstance(factorization, AllCentreFactorization):
         return _OneScale(factorization, places)
@@ -89,14 +86,10 @@ class FieldMap:
     """The coefficients of an interpolant, by a factorization without reduction.
 
     Another program evaluates the interpolant, and returns the derivatives by the coefficients.
-
-    Attributes
-    ----------
-    factors : FactorSource
-        Source of the compact levels' operators that a motion has made.
     """
 
     factorization: Factorization
+    #: Source of the compact levels' operators that a motion has made.
     factors: FactorSource = field(default_factory=MakeEachTime)
 
     def interpolant(self, values: Floats) -> AnyInterpolant:

@@ -37,43 +37,24 @@ to 1: a rotation is spread evenly over the distances from R/8 to R."""
 
 @dataclass(frozen=True)
 class Basis:
-    """One basis function φ(ξ), ξ = r/R.
+    """One basis function φ(ξ), ξ = r/R."""
 
-    Attributes
-    ----------
-    name : str
-        As in the case file and on the wire.
-    number : int
-        Row of thesis Table 2.1 (1–8) or 2.2 (9–14); 0 if it is in neither.
-    formula, derivative : str
-        φ(ξ) and φ'(ξ); for compact functions on 0 ≤ ξ ≤ 1, zero beyond.
-    compact : bool
-        Zero for r > R, thesis (2.7).
-    definiteness : str
-        Of the matrix φ(|x_i − x_j|) of distinct points in up to three dimensions; "conditionally" means on the vectors
-        orthogonal to polynomials of degree < ``order``.
-    order : int
-        0 for strictly definite functions.
-    gradient_at_centre : bool
-        Whether ∇φ exists at r = 0. Where it does not, no gradient is evaluated with this basis.
-    radius_meaning : str
-        "support", "shape" (a length scale without which the function is undefined or its matrix near-singular) or
-        "free" (the interpolant does not depend on it).
-    unusable : str
-        Why this row cannot be used; empty if it can be used.
-    """
-
-    name: str
-    number: int
+    name: str  # as in the case file and on the wire
+    number: int  # row of thesis Table 2.1 (1–8) or 2.2 (9–14); 0 if it is in neither
+    #: formula, derivative: φ(ξ) and φ'(ξ); for compact functions on 0 ≤ ξ ≤ 1, zero beyond
     formula: str
     derivative: str
-    compact: bool
+    compact: bool  # zero for r > R, thesis (2.7)
+    #: Of the matrix φ(|x_i − x_j|) of distinct points in up to three dimensions; "conditionally" means on the vectors
+    #: orthogonal to polynomials of degree < ``order``.
     definiteness: Definiteness
-    order: int
-    gradient_at_centre: bool
+    order: int  # 0 for strictly definite functions
+    gradient_at_centre: bool  # whether ∇φ exists at r = 0. Where it does not, no gradient is evaluated with this basis
+    #: "support", "shape" (a length scale without which the function is undefined or its matrix near-singular) or "free"
+    #: (the interpolant does not depend on it).
     radius_meaning: Literal["support", "shape", "free"]
     source: str
-    unusable: str = ""
+    unusable: str = ""  # why this row cannot be used; empty if it can be used
 
     @cached_property
     def code(self) -> int:
@@ -145,15 +126,13 @@ _CODES = tuple(BASES)
 def basis_named(name: str, *, gradient: bool = False) -> Basis:
     """Look a basis up.
 
+    Raises InvalidInput if the name is unknown, the basis unusable, or its gradient is needed and does not exist at a
+    centre.
+
     Parameters
     ----------
     gradient : bool
         Whether gradients at centres will be needed.
-
-    Raises
-    ------
-    InvalidInput
-        If the name is unknown, the basis unusable, or its gradient is needed and does not exist at a centre.
     """
     usable = [basis for basis in BASES.values() if not basis.unusable]
     known = ", ".join(basis.name for basis in sorted(usable, key=lambda basis: basis.number or math.inf))
@@ -179,12 +158,8 @@ def require_gradient(basis: Basis) -> None:
 def checked_radius(radius: float | None, basis: Basis) -> float:
     """The support radius as a float, after checking it.
 
-    ``None`` is accepted where the interpolant does not depend on it (TPS), and stands for 1.
-
-    Raises
-    ------
-    InvalidInput
-        If the radius is missing, not finite or not positive.
+    ``None`` is accepted where the interpolant does not depend on it (TPS), and stands for 1. Raises InvalidInput if the
+    radius is missing, not finite or not positive.
     """
     if radius is None:
         if basis.radius_meaning == "free":

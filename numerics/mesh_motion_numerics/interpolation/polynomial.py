@@ -18,25 +18,17 @@ __all__ = ["LinearBasis", "Polynomial"]
 
 @dataclass(frozen=True, eq=False)
 class LinearBasis:
-    """The monomials 1, (x − centre)/scale.
+    """The monomials 1, (x − centre)/scale."""
 
-    Attributes
-    ----------
-    centre : (d,) array, mesh length unit
-    scale : float, mesh length unit
-    """
-
-    centre: Floats
-    scale: float
+    centre: Floats  # (d,), mesh length unit
+    scale: float  # mesh length unit
 
     @classmethod
     def around(cls, points: Floats) -> LinearBasis:
         """Centred at the middle of the bounding box of (n, d) points.
 
-        Raises
-        ------
-        InvalidInput
-            If the points do not determine a linear polynomial: fewer than d + 1, or all on a line or plane.
+        Raises InvalidInput if the points do not determine a linear polynomial: fewer than d + 1, or all on a line or
+        plane.
         """
         low, high = points.min(axis=0), points.max(axis=0)
         basis = cls((low + high) / 2.0, max(float(np.max(high - low)) / 2.0, np.finfo(float).tiny))
@@ -56,15 +48,10 @@ class LinearBasis:
 
 @dataclass(frozen=True, eq=False)
 class Polynomial:
-    """A linear polynomial for each of k components.
-
-    Attributes
-    ----------
-    coefficients : (d + 1, k) array
-    """
+    """A linear polynomial for each of k components."""
 
     basis: LinearBasis
-    coefficients: Floats
+    coefficients: Floats  # (d + 1, k)
 
     def __call__(self, points: Floats) -> Floats:
         """(n, k) values at (n, d) points."""

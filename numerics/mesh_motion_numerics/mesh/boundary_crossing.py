@@ -57,18 +57,10 @@ _SPLITS = {
 
 @dataclass(frozen=True, eq=False)
 class BoundaryFacets:
-    """The facets whose nodes all have prescribed positions.
+    """The facets whose nodes all have prescribed positions."""
 
-    Attributes
-    ----------
-    nodes : dict of (f, k) int64 arrays
-        The facets by type.
-    moving : (n,) bool array
-        Nodes that move.
-    """
-
-    nodes: dict[str, Integers]
-    moving: Marks
+    nodes: dict[str, Integers]  # (f, k) each. The facets by type
+    moving: Marks  # (n,) bool. Nodes that move
 
     @classmethod
     def build(cls, facets: Mapping[str, Integers], moving: Integers, fixed: Integers, count: int) -> BoundaryFacets:

@@ -19,6 +19,9 @@ _KEPT: WeakKeyDictionary[CellTable, dict[str, Integers]] = WeakKeyDictionary()
 def boundary_facets(cells: CellTable) -> dict[str, Integers]:
     """Facets that belong to exactly one cell.
 
+    Raises InvalidInput if a facet belongs to more than two cells, or to two overlapping cells on the same side of it;
+    the message names the facet and the cells.
+
     Parameters
     ----------
     cells : CellTable
@@ -29,12 +32,6 @@ def boundary_facets(cells: CellTable) -> dict[str, Integers]:
     dict of (f, k) int64 arrays
         The facets by type: ``vertex`` (1D), ``line`` (2D), ``triangle`` and ``quad`` (3D); types without a facet are
         left out. Node order as in :data:`LOCAL_FACETS`, hence with outward normals; rows in the order of the cells.
-
-    Raises
-    ------
-    InvalidInput
-        If a facet belongs to more than two cells, or to two overlapping cells on the same side of it; the message names
-        the facet and the cells.
 
     Notes
     -----

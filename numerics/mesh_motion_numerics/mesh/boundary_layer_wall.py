@@ -71,23 +71,12 @@ class WallPlaces(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class MovingWall:
-    """The boundary facets of all moving walls.
+    """The boundary facets of all moving walls."""
 
-    Attributes
-    ----------
-    nodes : (w,) int64 array
-        Mesh nodes, ascending.
-    reference : (w, d) array, mesh length unit
-        Their positions in the reference mesh.
-    simplices : (s, d) int64 array
-        Rows of ``nodes``: segments in 2D, triangles in 3D.
-    heights : (w,) array, mesh length unit, or None
-        Of the layer that moves with the wall, at each node.
-    """
-
-    nodes: Integers
-    reference: Floats
-    simplices: Integers
+    nodes: Integers  # (w,). Mesh nodes, ascending
+    reference: Floats  # (w, d), mesh length unit. Their positions in the reference mesh
+    simplices: Integers  # (s, d). Rows of ``nodes``: segments in 2D, triangles in 3D
+    #: (w,), mesh length unit, or None. Of the layer that moves with the wall, at each node.
     heights: Floats | None = None
 
     @classmethod

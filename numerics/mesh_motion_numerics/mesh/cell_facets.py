@@ -24,22 +24,13 @@ Short = NDArray[np.integer[Any]]
 
 @dataclass(frozen=True, eq=False)
 class CellFacets:
-    """The facets of cells, each once.
+    """The facets of cells, each once."""
 
-    Attributes
-    ----------
-    nodes : (f, 4) array
-        Anticlockwise seen from outside their first cell; filled up with -1. First the facets between two cells, ordered
-        by first and second cell, then the boundary facets, in the order of the cells.
-    owner : (f,) array
-        The first cell of each facet.
-    neighbour : (i,) array
-        The second cell of the facets between two cells.
-    """
-
+    #: (f, 4). Anticlockwise seen from outside their first cell; filled up with -1. First the facets between two cells,
+    #: ordered by first and second cell, then the boundary facets, in the order of the cells.
     nodes: Short
-    owner: Short
-    neighbour: Short
+    owner: Short  # (f,). The first cell of each facet
+    neighbour: Short  # (i,). The second cell of the facets between two cells
 
     @classmethod
     def of(cls, cells: CellTable) -> CellFacets:

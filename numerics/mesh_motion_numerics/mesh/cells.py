@@ -29,31 +29,19 @@ _SQRT3 = 3.0**0.5
 
 @dataclass(frozen=True)
 class CellType:
-    """One kind of cell.
+    """One kind of cell."""
 
-    Attributes
-    ----------
-    name : str
-        As in the mesh file's ``cells_<name>`` and on the wire.
-    dimension : int
-        1, 2 or 3.
-    corners : tuple of (dimension + 1)-tuples
-        Local node numbers (k, a, b[, c]) of each corner simplex, positively oriented in a valid cell.
-    ideal : tuple of rows
-        (dimension, dimension) matrix W: the Jacobian of every corner of the ideal cell, up to scale and rotation.
-    size_factor : float
-        The cell's length, area or volume is ``size_factor * sum_k det A_k`` (exact for parallelepipeds).
-    vtk : int
-        VTK's number of the cell type.
-    """
-
-    name: str
-    dimension: int
+    name: str  # as in the mesh file's ``cells_<name>`` and on the wire
+    dimension: int  # 1, 2 or 3
     n_nodes: int
+    #: tuple of (dimension + 1)-tuples. Local node numbers (k, a, b[, c]) of each corner simplex, positively oriented in
+    #: a valid cell.
     corners: tuple[tuple[int, ...], ...]
+    #: (dimension, dimension) matrix W: the Jacobian of every corner of the ideal cell, up to scale and rotation.
     ideal: tuple[tuple[float, ...], ...]
+    #: The cell's length, area or volume is ``size_factor * sum_k det A_k`` (exact for parallelepipeds).
     size_factor: float
-    vtk: int
+    vtk: int  # VTK's number of the cell type
 
     @property
     def is_simplex(self) -> bool:
@@ -138,15 +126,10 @@ CELL_TYPES: dict[str, CellType] = {
 
 @dataclass(frozen=True, eq=False)
 class CellBlock:
-    """Cells of one type.
-
-    Attributes
-    ----------
-    nodes : (m, n_nodes) int32 array
-        Node indices, 0-based; 32 bits, because every judgement of a mesh reads all of them.
-    """
+    """Cells of one type."""
 
     type: CellType
+    #: (m, n_nodes) int32. Node indices, 0-based; 32 bits, because every judgement of a mesh reads all of them.
     nodes: Shorts
 
     def __len__(self) -> int:
@@ -177,24 +160,16 @@ def _short(name: str, nodes: NDArray[np.integer]) -> Shorts:
 
 @dataclass(frozen=True, eq=False)
 class CellTable:
-    """All cells of a mesh: blocks in the order of :data:`CELL_TYPES`; cell numbers run through the blocks.
+    """All cells of a mesh: blocks in the order of :data:`CELL_TYPES`; cell numbers run through the blocks."""
 
-    Attributes
-    ----------
-    blocks : tuple of CellBlock
-        Non-empty, all of one dimension.
-    """
-
-    blocks: tuple[CellBlock, ...]
+    blocks: tuple[CellBlock, ...]  # Non-empty, all of one dimension
 
     @classmethod
     def from_arrays(cls, cells: Mapping[str, NDArray[np.integer]]) -> CellTable:
         """Build from ``{type name: (m, n_nodes) integer array}``; empty arrays are left out.
 
-        Raises
-        ------
-        InvalidInput
-            On an unknown type name, a wrong shape, mixed dimensions, an index beyond 32 bits, or no cell at all.
+        Raises InvalidInput on an unknown type name, a wrong shape, mixed dimensions, an index beyond 32 bits, or no
+        cell at all.
         """
         for name, nodes in cells.items():
             if name not in CELL_TYPES:

@@ -81,18 +81,11 @@ def linked_by_cells(cells: CellTable, pairs: Integers, count: int) -> Marks:
 
 @dataclass(frozen=True, eq=False)
 class CoincidentSides:
-    """The nodes of the two sides of an interface or a baffle, in pairs at the same place.
+    """The nodes of the two sides of an interface or a baffle, in pairs at the same place."""
 
-    Attributes
-    ----------
-    pairs : (c, 2) int64 array
-        Places with more nodes are left out: sides that meet in one point only may slide past each other.
-    facets : (f, w) array
-        The boundary facets with such a node, as :func:`of_one_width` gives them.
-    """
-
+    #: (c, 2). Places with more nodes are left out: sides that meet in one point only may slide past each other.
     pairs: Integers
-    facets: Integers
+    facets: Integers  # (f, w). The boundary facets with such a node, as :func:`of_one_width` gives them
 
     @classmethod
     def build(cls, pairs: Integers, facets: Mapping[str, Integers], known: Marks) -> CoincidentSides:

@@ -1,7 +1,7 @@
 """Walls without an end, such as a circle or a box with rounded corners, and the axis about which walls can turn.
 
-No end says how far such walls follow a body: they would go with it, and their nodes would be pulled out of one half of
-the wall. So they stay, or turn with the body about the axis of all walls if no node is fixed.
+Such walls have no end that limits how far they follow a body: they would go with it, and all of their nodes would be
+pulled to one half of the wall. So they stay, or turn with the body about the axis of all walls if no node is fixed.
 """
 
 from __future__ import annotations

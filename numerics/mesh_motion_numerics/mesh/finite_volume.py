@@ -60,54 +60,30 @@ FACE_METRICS = ("non-orthogonality", "face-skewness")
 
 @dataclass(frozen=True)
 class WorstFace:
-    """One of the least orthogonal faces.
+    """One of the least orthogonal faces."""
 
-    Attributes
-    ----------
-    cells : tuple of two ints
-        Numbers of the cells on either side, through the blocks of the cell table.
-    centre : tuple of d floats
-        Mesh length unit.
-    non_orthogonality : float
-        Degrees.
-    """
-
-    cells: tuple[int, int]
-    centre: tuple[float, ...]
-    non_orthogonality: float
+    cells: tuple[int, int]  # numbers of the cells on either side, through the blocks of the cell table
+    centre: tuple[float, ...]  # mesh length unit
+    non_orthogonality: float  # degrees
 
 
 @dataclass(frozen=True)
 class FaceMeasures:
-    """Finite-volume measures of a mesh.
+    """Finite-volume measures of a mesh."""
 
-    Attributes
-    ----------
-    faces : int
-        Faces between two cells.
-    max_non_orthogonality : float
-        Degrees; 0 in a mesh of a single cell.
-    faces_above_65, faces_above_75 : int
-        Faces with a non-orthogonality above that many degrees.
-    max_skewness : float
-        Includes faces of the boundary.
-    min_volume_ratio : float
-        Ratio of two cells with a common face; 1: equal volumes, negative: one of them is inverted.
-    shortest_edge, smallest_face : float
-        Smallest length of an edge and area of a face, divided by the value at rest; in 2D an edge is a face.
-    worst : tuple of WorstFace
-        The least orthogonal first; at most ten.
-    """
-
-    faces: int
-    max_non_orthogonality: float
+    faces: int  # faces between two cells
+    max_non_orthogonality: float  # degrees; 0 in a mesh of a single cell
+    #: faces_above_65, faces_above_75: faces with a non-orthogonality above that many degrees
     faces_above_65: int
     faces_above_75: int
-    max_skewness: float
+    max_skewness: float  # includes faces of the boundary
+    #: Ratio of two cells with a common face; 1: equal volumes, negative: one of them is inverted.
     min_volume_ratio: float
+    #: shortest_edge, smallest_face: smallest length of an edge and area of a face, divided by the value at rest; in 2D
+    #: an edge is a face
     shortest_edge: float
     smallest_face: float
-    worst: tuple[WorstFace, ...]
+    worst: tuple[WorstFace, ...]  # the least orthogonal first; at most ten
 
     def numbers(self) -> dict[str, Any]:
         """All measures except the worst faces, by name."""

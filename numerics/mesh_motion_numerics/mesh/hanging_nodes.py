@@ -25,10 +25,7 @@ _ON, _AT_A_CORNER = 1e-6, 1e-3
 def refuse_hanging_nodes(points: Floats, cells: CellTable, floating: Integers) -> None:
     """Refuse a mesh in which boundary nodes in no patch (``floating``, (f,)) lie on a facet of another cell.
 
-    Raises
-    ------
-    InvalidInput
-        Names the first node and the facet.
+    Raises InvalidInput; names the first node and the facet.
     """
     if not len(floating):
         return
@@ -52,10 +49,7 @@ def refuse_hanging_nodes(points: Floats, cells: CellTable, floating: Integers) -
 def refuse_split_facets(cells: CellTable, floating: Integers) -> None:
     """Refuse a mesh in which a quad of the boundary, with nodes in no patch (``floating``, (f,)), covers a triangle.
 
-    Raises
-    ------
-    InvalidInput
-        Names the first quad and the triangle.
+    Raises InvalidInput; names the first quad and the triangle.
     """
     facets = boundary_facets(cells)
     if "quad" not in facets or "triangle" not in facets:

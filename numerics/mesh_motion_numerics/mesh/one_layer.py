@@ -29,23 +29,14 @@ _FLAT, _OPPOSITE = 1e-4, 1e-9
 
 @dataclass(frozen=True, eq=False)
 class OneLayer:
-    """The plane of a mesh of one layer.
+    """The plane of a mesh of one layer."""
 
-    Attributes
-    ----------
-    axes : (2, 3) array
-        Orthonormal directions of the plane; the second is to the left of the first, seen from the front.
-    front : (n,) int64 array
-        The front node of each node: a front node itself; for a back node, the node with which it shares an edge.
-    cells : CellTable
-        Triangles and quads of front nodes, numbered like the 3D cells.
-    patches : dict of str to Patch
-        Front nodes of each patch; for a patch on the two planes, the nodes on its sides that no other patch has.
-    """
-
+    #: (2, 3). Orthonormal directions of the plane; the second is to the left of the first, seen from the front.
     axes: Floats
+    #: (n,). The front node of each node: a front node itself; for a back node, the node with which it shares an edge.
     front: Integers
-    cells: CellTable
+    cells: CellTable  # triangles and quads of front nodes, numbered like the 3D cells
+    #: Front nodes of each patch; for a patch on the two planes, the nodes on its sides that no other patch has.
     patches: dict[str, Patch]
 
     @classmethod

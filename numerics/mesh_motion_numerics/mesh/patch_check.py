@@ -19,15 +19,12 @@ __all__ = ["check_patches", "nodes_behind_fixed", "nodes_in_no_patch", "patch_wa
 def check_patches(n: int, patches: Mapping[str, Patch]) -> None:
     """Refuse patches with an unknown role or unusable node ids, and a mesh on which nothing moves.
 
+    Raises InvalidInput; names the patch and the first offending node.
+
     Parameters
     ----------
     n : int
         Number of nodes of the mesh.
-
-    Raises
-    ------
-    InvalidInput
-        Names the patch and the first offending node.
     """
     for name, patch in patches.items():
         if patch.role not in ROLES:

@@ -30,21 +30,13 @@ _HALF_TURN = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class RigidMotion:
-    """``x → centre + translation + R (x − centre)``.
+    """``x → centre + translation + R (x − centre)``."""
 
-    Attributes
-    ----------
-    centre, translation : (d,) arrays, mesh length unit
-    angle : float, radians
-        In [0, π] in 3D, in (−π, π] in 2D (anticlockwise positive), 0 in 1D.
-    axis : (3,) array
-        Unit vector; (0, 0, 1) in 1D and 2D.
-    """
-
+    #: centre, translation: (d,), mesh length unit
     centre: Floats
     translation: Floats
-    angle: float
-    axis: Floats
+    angle: float  # radians. In [0, π] in 3D, in (−π, π] in 2D (anticlockwise positive), 0 in 1D
+    axis: Floats  # (3,). Unit vector; (0, 0, 1) in 1D and 2D
 
     @property
     def rotation(self) -> Floats:

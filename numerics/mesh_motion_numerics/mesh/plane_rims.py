@@ -26,25 +26,15 @@ _ON_PLANE = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class PlaneRims:
-    """The moving nodes on the plane walls of a mesh.
+    """The moving nodes on the plane walls of a mesh."""
 
-    Attributes
-    ----------
-    moving : (k,) int64 array
-    places : (k, d) array, mesh length unit
-        Places of the moving nodes in the reference mesh.
-    closest : float, mesh length unit
-        A node at most this far from its plane is on it.
-    rims : tuple of (patch, role, rows, normal)
-        Rows (r,) of the moving nodes on one plane, and its unit normal (d,).
-    planes : tuple of (patch, role, corners, normal)
-        For each plane the corners (2, d) of the box around its nodes, and its unit normal (d,).
-    """
-
-    moving: Integers
-    places: Floats
-    closest: float
+    moving: Integers  # (k,)
+    places: Floats  # (k, d), mesh length unit. Places of the moving nodes in the reference mesh
+    closest: float  # mesh length unit. A node at most this far from its plane is on it
+    #: tuple of (patch, role, rows, normal). Rows (r,) of the moving nodes on one plane, and its unit normal (d,).
     rims: tuple[tuple[str, str, Integers, Floats], ...]
+    #: tuple of (patch, role, corners, normal). For each plane the corners (2, d) of the box around its nodes, and its
+    #: unit normal (d,).
     planes: tuple[tuple[str, str, Floats, Floats], ...]
 
     @classmethod
@@ -75,10 +65,7 @@ class PlaneRims:
     def check(self, targets: Floats) -> list[str]:
         """Refuse targets (k, d) of the moving nodes that leave a symmetry plane; warn of those that leave a slip wall.
 
-        Raises
-        ------
-        InvalidInput
-            Naming the patch, its node farthest from the plane and the distance.
+        Raises InvalidInput naming the patch, its node farthest from the plane and the distance.
         """
         warnings = []
         for name, role, rows, normal in self.rims:

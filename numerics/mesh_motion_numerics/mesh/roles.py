@@ -25,47 +25,27 @@ SLIDING_ROLES = ("slip", "symmetry")
 
 @dataclass(frozen=True, eq=False)
 class Patch:
-    """A named part of the boundary.
+    """A named part of the boundary."""
 
-    Attributes
-    ----------
-    role : str
-        One of :data:`ROLES`.
-    nodes : (p,) int64 array
-        Node indices, 0-based.
-    """
-
-    role: str
-    nodes: Integers
+    role: str  # one of :data:`ROLES`
+    nodes: Integers  # (p,). Node indices, 0-based
 
 
 @dataclass(frozen=True, eq=False)
 class BoundaryRoles:
-    """The nodes of each kind, ascending, disjoint.
+    """The nodes of each kind, ascending, disjoint."""
 
-    Attributes
-    ----------
-    moving, fixed : (k,), (f,) int64 arrays
-        Nodes whose positions the driver prescribes; nodes that keep their reference positions.
-    sliding : (s,) int64 array
-        Nodes of slip and symmetry patches that are neither moving nor fixed.
-    periodic : (p,) int64 array
-        Nodes of periodic patches with none of these roles.
-    """
-
+    #: moving, fixed: (k,), (f,). Nodes whose positions the driver prescribes; nodes that keep their reference positions
     moving: Integers
     fixed: Integers
-    sliding: Integers
-    periodic: Integers
+    sliding: Integers  # (s,). Nodes of slip and symmetry patches that are neither moving nor fixed
+    periodic: Integers  # (p,). Nodes of periodic patches with none of these roles
 
     @classmethod
     def from_patches(cls, patches: Mapping[str, Patch]) -> BoundaryRoles:
         """Sort the patches' nodes by role and precedence.
 
-        Raises
-        ------
-        InvalidInput
-            On an unknown role, or without any moving node.
+        Raises InvalidInput on an unknown role, or without any moving node.
         """
         for name, patch in patches.items():
             if patch.role not in ROLES:

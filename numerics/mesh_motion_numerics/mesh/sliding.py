@@ -42,36 +42,19 @@ _ROUNDING = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class SlidingSurfaces:
-    """The constraints of all sliding nodes.
+    """The constraints of all sliding nodes."""
 
-    Attributes
-    ----------
-    nodes : (s,) int64 array
-        The sliding nodes, in the order of the rows of :meth:`project`.
-    reference : (s, d) array, mesh length unit
-        Their reference positions.
-    groups : tuple of (rows, constraint)
-        Each row of ``nodes`` is in exactly one group.
-    pieces : tuple of Piece
-        The smooth pieces of the patches.
-    lines : tuple of WallLine
-        Lines along which some of the nodes slide.
-    endless : (n,) bool array or None
-        Nodes on curved walls without an end, which only follow the mesh's rigid motion; None without any.
-    axis : Transform or None
-        A rotation about the only axis about which that motion turns.
-    turns : bool
-        Whether that motion may turn at all.
-    """
-
-    nodes: Integers
-    reference: Floats
+    nodes: Integers  # (s,). The sliding nodes, in the order of the rows of :meth:`project`
+    reference: Floats  # (s, d), mesh length unit. Their reference positions
+    #: tuple of (rows, constraint). Each row of ``nodes`` is in exactly one group.
     groups: tuple[tuple[Integers, SurfaceConstraint], ...]
-    pieces: tuple[Piece, ...] = ()
-    lines: tuple[WallLine, ...] = ()
+    pieces: tuple[Piece, ...] = ()  # the smooth pieces of the patches
+    lines: tuple[WallLine, ...] = ()  # lines along which some of the nodes slide
+    #: (n,) bool array or None. Nodes on curved walls without an end, which only follow the mesh's rigid motion; None
+    #: without any.
     endless: Marks | None = None
-    axis: Transform | None = None
-    turns: bool = True
+    axis: Transform | None = None  # a rotation about the only axis about which that motion turns
+    turns: bool = True  # whether that motion may turn at all
 
     @classmethod
     def build(
@@ -85,6 +68,8 @@ class SlidingSurfaces:
         mirrors: Collection[str] = (),
     ) -> SlidingSurfaces:
         """Find the surfaces of the sliding nodes.
+
+        Raises InvalidInput if a sliding node lies on no boundary facet of its patches, or a symmetry patch is curved.
 
         Parameters
         ----------
@@ -100,11 +85,6 @@ class SlidingSurfaces:
             Images of a periodic domain: a curved surface continues behind its periodic sides.
         mirrors : collection of str
             Symmetry patches: each of their smooth pieces must be planar.
-
-        Raises
-        ------
-        InvalidInput
-            If a sliding node lies on no boundary facet of its patches, or a symmetry patch is curved.
         """
         for name in sorted(mirrors):
             _refuse_curved(points, name, smooth_pieces(points, facets, patches[name]))

@@ -110,29 +110,20 @@ class OnPlanes:
 
 @dataclass(frozen=True, eq=False)
 class OnFacets:
-    """Segments (a curve) or triangles (a surface) of the reference mesh.
-
-    Attributes
-    ----------
-    corners : (f, 2 or 3, d) array, mesh length unit
-    tensors : (f, 2 or 3, d, d) array
-        At each corner the sum of t tᵀ over the segments, or of n nᵀ over the triangles, that meet there, weighted by
-        their size: its first eigenvector is the tangent of the curve, or the normal of the surface.
-    images : sequence of Transform
-        Generators of a periodic domain. The object has the facets and their next images; a node that has passed more
-        periods is first taken back by these.
-    ends : (f, 2 or 3) bool array
-        The ends of the curve, or of the surface: whether no other facet continues opposite each corner.
-    turn : Transform or None
-        An image's rotation about the axis of this surface of revolution: it goes on where it ends at a hole, as at the
-        root of a blade.
-    """
+    """Segments (a curve) or triangles (a surface) of the reference mesh."""
 
     facets: FacetSet
-    corners: Floats
+    corners: Floats  # (f, 2 or 3, d), mesh length unit
+    #: (f, 2 or 3, d, d). At each corner the sum of t tᵀ over the segments, or of n nᵀ over the triangles, that meet
+    #: there, weighted by their size: its first eigenvector is the tangent of the curve, or the normal of the surface.
     tensors: Floats
+    #: Generators of a periodic domain. The object has the facets and their next images; a node that has passed more
+    #: periods is first taken back by these.
     images: Sequence[Transform] = ()
+    #: (f, 2 or 3). The ends of the curve, or of the surface: whether no other facet continues opposite each corner.
     ends: Marks | None = None
+    #: An image's rotation about the axis of this surface of revolution: it goes on where it ends at a hole, as at the
+    #: root of a blade.
     turn: Transform | None = None
 
     @classmethod
@@ -243,18 +234,10 @@ class OnFacets:
 
 @dataclass(frozen=True, eq=False)
 class OnPrism:
-    """The wall of a cylinder or prism: it has no end along its straight direction, like a plane.
+    """The wall of a cylinder or prism: it has no end along its straight direction, like a plane."""
 
-    Attributes
-    ----------
-    straight : OnPlanes
-        Planes along the straight direction.
-    section : OnFacets
-        The curve of the wall in the coordinates (k, 2) along the planes' normals.
-    """
-
-    straight: OnPlanes
-    section: OnFacets
+    straight: OnPlanes  # planes along the straight direction
+    section: OnFacets  # the curve of the wall in the coordinates (k, 2) along the planes' normals
     freedom: int = 2
 
     def project(self, positions: Floats, reference: Floats) -> Floats:

@@ -116,30 +116,16 @@ class WallLine:
 
 @dataclass(frozen=True, eq=False)
 class EvenedLine:
-    """A curved ``line`` after a motion of which half is an even stretch, and the derivative.
-
-    Attributes
-    ----------
-    positions : (m, d) array, mesh length unit
-        Those of the line's nodes without the stretch.
-    rows : (k,) int64 array
-        Those of the line's nodes that are between known ones.
-    places : (k, d) array, mesh length unit
-        Their positions after the motion.
-    lengths : (k,) array
-        Lengths along the line to these places.
-    lengths_without : (m,) array
-        Lengths along the line to all nodes without the stretch.
-    ends, shares : (k, 2) arrays
-        Rows of the known nodes before and after each of them, and the shares of their motion in its own.
-    """
+    """A curved ``line`` after a motion of which half is an even stretch, and the derivative."""
 
     line: WallLine
-    positions: Floats
-    rows: Integers
-    places: Floats
-    lengths: Floats
-    lengths_without: Floats
+    positions: Floats  # (m, d), mesh length unit. Those of the line's nodes without the stretch
+    rows: Integers  # (k,). Those of the line's nodes that are between known ones
+    places: Floats  # (k, d), mesh length unit. Their positions after the motion
+    lengths: Floats  # (k,). Lengths along the line to these places
+    lengths_without: Floats  # (m,). Lengths along the line to all nodes without the stretch
+    #: ends, shares: (k, 2). Rows of the known nodes before and after each of them, and the shares of their motion in
+    #: its own
     ends: Integers
     shares: Floats
 

@@ -33,15 +33,12 @@ _FARTHEST = 2.0
 def refuse_unacceptable(method: Method, quality: Judgement, reached: bool) -> list[str]:
     """Refuse an inverted mesh, or one below the threshold (not ``reached``) if the method does not accept that.
 
+    Raises QualityRefused; the error has the best minimum quality and the worst cells.
+
     Returns
     -------
     list of str
         Warnings about a mesh that is accepted although its quality is too low.
-
-    Raises
-    ------
-    QualityRefused
-        The error has the best minimum quality and the worst cells.
     """
     name, threshold, best = method.quality_metric, method.quality_threshold, quality.metric.min
     if quality.inverted and not method.allow_invalid:

@@ -40,18 +40,10 @@ _NO_ORBIT = np.pi / 12  # smaller angles: the straight way is good enough
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """A connected part of the moving boundary.
+    """A connected part of the moving boundary."""
 
-    Attributes
-    ----------
-    rows : (b,) int64 array
-        Its nodes, as rows among the moving nodes.
-    seam : (s,) int64 array
-        Its nodes that share a boundary facet with a node that does not move.
-    """
-
-    rows: Integers
-    seam: Integers
+    rows: Integers  # (b,). Its nodes, as rows among the moving nodes
+    seam: Integers  # (s,). Its nodes that share a boundary facet with a node that does not move
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,19 +73,12 @@ class _Piece:
 
 @dataclass(frozen=True, eq=False)
 class Way:
-    """Positions of the moving nodes as a function of a fraction of the way.
+    """Positions of the moving nodes as a function of a fraction of the way."""
 
-    Attributes
-    ----------
-    origin, targets : (k, d) arrays, mesh length unit
-        Positions at 0 and 1, bitwise.
-    pieces : tuple
-        Bodies that turn; the other nodes go straight.
-    """
-
+    #: origin, targets: (k, d), mesh length unit. Positions at 0 and 1, bitwise
     origin: Floats
     targets: Floats
-    pieces: tuple[_Piece, ...] = ()
+    pieces: tuple[_Piece, ...] = ()  # bodies that turn; the other nodes go straight
 
     def at(self, fraction: float) -> Floats:
         """(k, d) positions after a fraction in [0, 1] of the way."""

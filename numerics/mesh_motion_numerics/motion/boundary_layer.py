@@ -61,24 +61,14 @@ class Shield(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class BoundaryLayer:
-    """The layer of a mesh's moving walls.
+    """The layer of a mesh's moving walls."""
 
-    Attributes
-    ----------
-    points : (n, d) array, mesh length unit
-        Reference coordinates.
-    prescribed : (n,) bool array
-        Moving and fixed nodes.
-    sliding : SlidingSurfaces or None
-        The surfaces of the layer's sliding nodes; None without such nodes.
-    """
-
-    points: Floats
+    points: Floats  # (n, d), mesh length unit. Reference coordinates
     cells: CellTable
-    prescribed: Marks
+    prescribed: Marks  # (n,) bool. Moving and fixed nodes
     wall: MovingWall
     tied: LayerNodes
-    sliding: SlidingSurfaces | None
+    sliding: SlidingSurfaces | None  # the surfaces of the layer's sliding nodes; None without such nodes
     shield: Shield
 
     @classmethod

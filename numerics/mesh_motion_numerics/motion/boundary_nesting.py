@@ -134,7 +134,7 @@ def left_place(
     points: Floats,
     around: Sequence[Floats] = (),
 ) -> Floats | None:
-    """The first place (d,) of a moving wall outside of the part of the boundary that it is joined to, None if none is.
+    """The first place (d,) of a moving wall outside the part of the boundary to which it is joined; None without one.
 
     A body between two planes, for example, that has passed wholly through the wall around it. Parameters as in
     :func:`misplaced_place`, which tests parts that are joined to no other. Only facets :func:`beyond` the clouds

@@ -53,32 +53,19 @@ class NoMeshExists(QualityRefused):
 
 @dataclass(frozen=True, eq=False)
 class PossibleCrossing:
-    """The boundary of a mesh, with tests for crossings.
+    """The boundary of a mesh, with tests for crossings."""
 
-    Attributes
-    ----------
-    reference : (n, d) array, mesh length unit
-        Reference coordinates.
-    facets : BoundaryFacets
-        The facets with known places; a wall whose nodes slide has its reference places if none of its nodes moves.
-    known : (n,) bool array
-        Nodes with known places; includes nodes that slide in a plane, because they do not change its winding numbers.
-    sides : CoincidentSides
-        Sides with prescribed positions.
-    curved : tuple of (p,) arrays
-        The nodes of each curved wall on which nodes slide.
-    generators : tuple of Transform
-        Those of a periodic domain's images.
-    """
-
-    reference: Floats
+    reference: Floats  # (n, d), mesh length unit. Reference coordinates
     cells: CellTable
     roles: BoundaryRoles
+    #: The facets with known places; a wall whose nodes slide has its reference places if none of its nodes moves.
     facets: BoundaryFacets
+    #: (n,) bool. Nodes with known places; includes nodes that slide in a plane, because they do not change its winding
+    #: numbers.
     known: Marks
-    sides: CoincidentSides
-    curved: tuple[Integers, ...] = ()
-    generators: tuple[Transform, ...] = ()
+    sides: CoincidentSides  # sides with prescribed positions
+    curved: tuple[Integers, ...] = ()  # tuple of (p,). The nodes of each curved wall on which nodes slide
+    generators: tuple[Transform, ...] = ()  # those of a periodic domain's images
 
     @classmethod
     def build(
@@ -145,10 +132,7 @@ class PossibleCrossing:
     def refuse(self, points: Floats, targets: Floats, refusal: QualityRefused | None = None) -> None:
         """Refuse the mesh ``points`` (n, d) with its moving nodes at ``targets`` (k, d) if no valid mesh exists.
 
-        Raises
-        ------
-        NoMeshExists
-            The error has the best quality, the worst cells and the details of an earlier ``refusal``.
+        Raises NoMeshExists; the error has the best quality, the worst cells and the details of an earlier ``refusal``.
         """
         self.refuse_passing(points, targets, refusal)
         moved = self._moved(points, targets)
@@ -234,7 +218,8 @@ def refuse_region(
     cells: CellTable, moving: Integers, held: Integers, reference: Floats, positions: Floats, refusal: QualityRefused
 ) -> None:
     """The same as :meth:`PossibleCrossing.refuse` in a part of a mesh: for facets that go through each other, and for
-    nodes that leave their side of a boundary part that is complete there.
+    nodes that leave their side of a boundary part that is complete there. Raises NoMeshExists; the error has the best
+    quality, the worst cells and the details of the ``refusal``.
 
     Parameters
     ----------
@@ -242,11 +227,6 @@ def refuse_region(
         Moving nodes; all nodes on patches. A facet of these nodes between two cells, one of which is outside the part,
         must not cross others either.
     reference, positions : (n, d) arrays, mesh length unit
-
-    Raises
-    ------
-    NoMeshExists
-        The error has the best quality, the worst cells and the details of the ``refusal``.
     """
     facets, known = boundary_facets(cells), np.zeros(len(positions), dtype=bool)
     known[held] = True

@@ -40,29 +40,18 @@ _MOST_LAYERS = 200
 
 @dataclass(frozen=True, eq=False)
 class LayeredWalls:
-    """The layered moving walls of a mesh.
+    """The layered moving walls of a mesh."""
 
-    Attributes
-    ----------
-    points : (n, d) array, mesh length unit
-        Reference coordinates.
-    rows : (k,) int64 array
-        Layered nodes, as rows of the wall's nodes.
-    above : (k,) int64 array
-        The node at the other end of each node's first edge, which is the shortest edge that leaves the wall.
-    along : (n,) array, mesh length unit
-        Shortest edge along the wall at each of its nodes.
-    """
-
-    points: Floats
+    points: Floats  # (n, d), mesh length unit. Reference coordinates
     cells: CellTable
     facets: Mapping[str, Integers]
     patches: Mapping[str, Patch]
     sliding: SlidingSurfaces | None
     wall: MovingWall
-    rows: Integers
+    rows: Integers  # (k,). Layered nodes, as rows of the wall's nodes
+    #: (k,). The node at the other end of each node's first edge, which is the shortest edge that leaves the wall.
     above: Integers
-    along: Floats
+    along: Floats  # (n,), mesh length unit. Shortest edge along the wall at each of its nodes
 
     @classmethod
     def build(

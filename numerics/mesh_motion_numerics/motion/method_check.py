@@ -30,6 +30,11 @@ _EXTENTS = 1e12
 def check_method(method: Method, points: Floats, roles: BoundaryRoles, *, periodic: bool = False) -> None:
     """Refuse a method that cannot move this mesh.
 
+    Raises InvalidInput on an unusable basis, a missing shape parameter, a length out of range for this mesh, or control
+    points that do not determine the polynomial of the basis; with periodic patches, on a basis without compact support
+    or a reduction. ``.MESH_DEGENERATE`` on boundary nodes at the same place, if the method needs distinct nodes. Raises
+    ResourceExhausted if the matrix of all boundary nodes has to be factorized densely and would take too much memory.
+
     Parameters
     ----------
     method : Method
@@ -37,16 +42,6 @@ def check_method(method: Method, points: Floats, roles: BoundaryRoles, *, period
     points : (n, d) array, mesh length unit
     periodic : bool
         Whether the mesh has periodic patches.
-
-    Raises
-    ------
-    InvalidInput
-        On an unusable basis, a missing shape parameter, a length out of range for this mesh, or control points that do
-        not determine the polynomial of the basis; with periodic patches, on a basis without
-        compact support or a reduction. ``.MESH_DEGENERATE`` on boundary nodes at the same place, if the method needs
-        distinct nodes.
-    ResourceExhausted
-        If the matrix of all boundary nodes has to be factorized densely and would take too much memory.
     """
     basis = _checked_basis(method, points.shape[1])
     _check_lengths(method, points)

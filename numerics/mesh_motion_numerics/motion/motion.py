@@ -109,6 +109,11 @@ class MotionModel(DifferentiableMesh):
     ) -> Motion:
         """The motion that takes the moving nodes to ``targets``.
 
+        Raises InvalidInput if moving nodes leave a symmetry plane. Raises QualityRefused if no valid mesh (or, if
+        required, none at the threshold) was found; carries the best minimum quality, the worst cells and the largest
+        accepted fraction found of the ``boundary_displacement``, None if :func:`.time_limit` ended the search. Raises
+        Timeout if that limit ended the motion itself.
+
         Parameters
         ----------
         committed : (n, d) array
@@ -117,17 +122,6 @@ class MotionModel(DifferentiableMesh):
             Targets of ``roles.moving``.
         boundary_displacement : BoundaryDisplacement, optional
             The two terms of the targets; by default the committed positions of the moving nodes and the difference.
-
-        Raises
-        ------
-        InvalidInput
-            If moving nodes leave a symmetry plane.
-        QualityRefused
-            If no valid mesh (or, if required, none at the threshold) was found; carries the best minimum quality, the
-            worst cells and the largest accepted fraction found of the ``boundary_displacement``, None if
-            :func:`.time_limit` ended the search.
-        Timeout
-            If that limit ended the motion itself.
         """
         leaving = self.rims.check(targets)
         step = _Step(committed, targets, MakeEachTime() if factors is None else factors)  # an empty cache is falsy
@@ -377,13 +371,9 @@ class MotionModel(DifferentiableMesh):
 
         Each leg (:mod:`.sub_steps`) is an attempt from the mesh of the leg before, corrected up to the threshold. The
         first leg starts from the mesh to which the method's displacement refers: the committed mesh or the reference
-        mesh. So the result depends only on that mesh and on the targets.
-
-        Raises
-        ------
-        QualityRefused
-            If the boundary crosses itself at the targets, or no way leads there; the message says how far the mesh
-            stayed valid. Includes the details of the ``refusal`` of a single step, if there was one.
+        mesh. So the result depends only on that mesh and on the targets. Raises QualityRefused if the boundary crosses
+        itself at the targets, or no way leads there; the message says how far the mesh stayed valid. Includes the
+        details of the ``refusal`` of a single step, if there was one.
         """
         start = step.committed if self.method.displacement == "relative" else self.points
         self.boundary.refuse(start, step.targets, refusal)

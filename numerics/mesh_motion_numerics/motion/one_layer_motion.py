@@ -52,25 +52,13 @@ def motion_model(
 
 @dataclass(frozen=True, eq=False)
 class OneLayerMotion:
-    """A mesh of one layer, and the 2D model of its plane.
+    """A mesh of one layer, and the 2D model of its plane."""
 
-    Attributes
-    ----------
-    points : (n, 3) array, mesh length unit
-        Reference coordinates.
-    cells : CellTable
-        The 3D cells; the plane's cells have the same numbers.
-    plane : MotionModel
-        Model of the front nodes; the back nodes are in none of its cells.
-    moving : (k,) int64 array
-        Nodes of the moving patches, on the front and the back plane.
-    """
-
-    points: Floats
-    cells: CellTable
+    points: Floats  # (n, 3), mesh length unit. Reference coordinates
+    cells: CellTable  # the 3D cells; the plane's cells have the same numbers
     layer: OneLayer
-    plane: MotionModel
-    moving: Integers
+    plane: MotionModel  # model of the front nodes; the back nodes are in none of its cells
+    moving: Integers  # (k,). Nodes of the moving patches, on the front and the back plane
     warnings: tuple[str, ...]
 
     @property
@@ -104,10 +92,7 @@ class OneLayerMotion:
     ) -> Motion:
         """The motion that takes the moving nodes to ``targets`` (k, 3); as :meth:`.motion.MotionModel.move`.
 
-        Raises
-        ------
-        InvalidInput
-            If a node leaves its plane, or two opposite nodes move apart; names the first.
+        Raises InvalidInput if a node leaves its plane, or two opposite nodes move apart; names the first.
         """
         aimed = self.points.copy()
         aimed[self.moving] = targets
@@ -198,10 +183,7 @@ class OneLayerSlope:
     def tangent(self, velocity: Floats) -> Floats:
         """(n, 3) J v: velocities of all nodes for velocities (k, 3) of the moving nodes, in their order.
 
-        Raises
-        ------
-        InvalidInput
-            If a node leaves its plane, or two opposite nodes move apart; names the first.
+        Raises InvalidInput if a node leaves its plane, or two opposite nodes move apart; names the first.
         """
         model, layer = self.model, self.model.layer
         model._check(velocity, float(np.abs(velocity).max(initial=0.0)))

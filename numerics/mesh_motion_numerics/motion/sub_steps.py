@@ -33,28 +33,15 @@ class Leg(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Walk:
-    """The progress of a mesh along a way.
+    """The progress of a mesh along a way."""
 
-    Attributes
-    ----------
-    points : (n, d) array, mesh length unit
-        The last valid mesh.
-    fraction : float
-        Fraction of the way; 1 at its end.
-    legs, tries : int
-        Number of legs that ended in a valid mesh; number of all legs, failed ones included.
-    iterations : int
-        Sum over the corrections of the legs.
-    refusal : QualityRefused or None
-        The error of the last leg that failed.
-    """
-
-    points: Floats
-    fraction: float
+    points: Floats  # (n, d), mesh length unit. The last valid mesh
+    fraction: float  # fraction of the way; 1 at its end
+    #: legs, tries: number of legs that ended in a valid mesh; number of all legs, failed ones included
     legs: int
     tries: int
-    iterations: int
-    refusal: QualityRefused | None
+    iterations: int  # sum over the corrections of the legs
+    refusal: QualityRefused | None  # the error of the last leg that failed
 
 
 def furthest_walk(

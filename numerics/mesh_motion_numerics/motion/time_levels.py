@@ -33,19 +33,13 @@ _GAMMA, _BETA = 0.5 - _ALPHA, 0.25 * (1.0 - _ALPHA) ** 2
 
 @dataclass(frozen=True, eq=False)
 class TimeLevel:
-    """The time of a committed state, and the data of earlier levels for the velocities of later ones.
+    """The time of a committed state, and the data of earlier levels for the velocities of later ones."""
 
-    Attributes
-    ----------
-    time, previous_time : float or None
-        Times of this state and of the one before, seconds; None if not known.
-    arrays : tuple of (n, d) arrays
-        For "bdf2" the earlier positions, mesh length unit; for "bossak" the velocities, and the accelerations. No
-        arrays at the first level.
-    """
-
+    #: time, previous_time: times of this state and of the one before, seconds; None if not known
     time: float | None = None
     previous_time: float | None = None
+    #: tuple of (n, d). For "bdf2" the earlier positions, mesh length unit; for "bossak" the velocities, and the
+    #: accelerations. No arrays at the first level.
     arrays: tuple[Floats, ...] = ()
 
 

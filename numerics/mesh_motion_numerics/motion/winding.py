@@ -3,7 +3,7 @@
 A boundary at 200° is also a boundary at −160°, and there is a mesh for each. The committed mesh shows which of the two
 is meant: along a chain of cells from a wall at rest to the body the rotation is continuous. In 2D two cells of positive
 size that share an edge differ by less than half a turn, so the turn is counted exactly; in 3D it is counted about the
-coordinate axis that is nearest to the rotation's axis. From this turn a body continues by the smallest change. Nothing
+coordinate axis that is nearest to the rotation's axis. The next turn of a body is the one nearest to this turn. Nothing
 is stored, so a mesh continues in the same way after a resume or a rollback.
 
 Interpolation of a displacement cannot wind a mesh: its result is the same after a whole turn. So a turn θ is divided
@@ -69,21 +69,12 @@ _UNCERTAIN = 5 / 6 * np.pi  # two cells of a chain that differ by more may also 
 
 @dataclass(frozen=True, eq=False)
 class WindingBody:
-    """A body that may wind the mesh.
+    """A body that may wind the mesh."""
 
-    Attributes
-    ----------
-    rows : (b,) int64 array
-        Its nodes, as rows among the moving nodes.
-    chain : (p, d + 1) int array
-        Corner simplices from a wall at rest to the body, each with an edge of the one before.
-    edges : (p, d, d) array, mesh length unit
-        Of these from their first nodes, in the reference mesh.
-    """
-
-    rows: Integers
+    rows: Integers  # (b,). Its nodes, as rows among the moving nodes
+    #: (p, d + 1). Corner simplices from a wall at rest to the body, each with an edge of the one before.
     chain: NDArray[np.integer]
-    edges: Floats
+    edges: Floats  # (p, d, d), mesh length unit. Of these from their first nodes, in the reference mesh
 
     def edges_at(self, points: Floats) -> Floats:
         """The edges (p, d, d) with the mesh's nodes at ``points`` (n, d)."""
@@ -93,22 +84,13 @@ class WindingBody:
 
 @dataclass(frozen=True, eq=False)
 class Turns:
-    """The turns of the bodies in one step, with one row for each body.
+    """The turns of the bodies in one step, with one row for each body."""
 
-    Attributes
-    ----------
-    axes : (b,) int64 array
-        Coordinate axis about which each turns.
-    before, after : (b,) arrays, radians
-        The angles at the committed mesh and at the targets.
-    certain : bool
-        Whether the whole turns could be counted.
-    """
-
-    axes: Integers
+    axes: Integers  # (b,). Coordinate axis about which each turns
+    #: before, after: (b,), radians. The angles at the committed mesh and at the targets
     before: Floats
     after: Floats
-    certain: bool = True
+    certain: bool = True  # whether the whole turns could be counted
 
     @property
     def unwound(self) -> Turns | None:
@@ -119,27 +101,14 @@ class Turns:
 
 @dataclass(eq=False)
 class Winding:
-    """The bodies of one mesh that may wind it.
+    """The bodies of one mesh that may wind it."""
 
-    Attributes
-    ----------
-    reference : (n, d) array, mesh length unit
-    moving : (k,) int64 array
-        Nodes of the moving boundary.
-    held : (n,) bool array
-        Boundary nodes and those of layers.
-    simplices : (c, d + 1) int array
-        Corner simplices of all cells.
-    averages : callable
-        Makes the means (n, n) over nodes' neighbours, when a body first winds the mesh.
-    """
-
-    reference: Floats
-    moving: Integers
-    held: Marks
-    simplices: NDArray[np.integer]
+    reference: Floats  # (n, d), mesh length unit
+    moving: Integers  # (k,). Nodes of the moving boundary
+    held: Marks  # (n,) bool. Boundary nodes and those of layers
+    simplices: NDArray[np.integer]  # (c, d + 1). Corner simplices of all cells
     layer: BoundaryLayer | None
-    averages: Callable[[], csr_array]
+    averages: Callable[[], csr_array]  # makes the means (n, n) over nodes' neighbours, when a body first winds the mesh
     bodies: tuple[WindingBody, ...] = field(default=())
 
     # --- which turn --------------------------------------------------------------------------------------------------

@@ -69,6 +69,11 @@ class CheckedMesh(NamedTuple):
 def checked_mesh(points: Floats, cells: CellTable, patches: Mapping[str, Patch]) -> CheckedMesh:
     """Refuse an unusable mesh, and collect the warnings of a usable one.
 
+    Raises InvalidInput: ``.SHAPE`` for a wrong shape; ``.NONFINITE`` for a coordinate that is not finite;
+    ``.MESH_DEGENERATE`` for node indices out of range, repeated nodes in a cell, inverted or flat cells, and facets of
+    more than two cells; ``.MESH`` for an extent outside the floating-point range, for hanging nodes, for quads on
+    triangles and for patches (unknown role, no or repeated nodes, no moving patch).
+
     Parameters
     ----------
     points : (n, d) array, mesh length unit
@@ -78,14 +83,6 @@ def checked_mesh(points: Floats, cells: CellTable, patches: Mapping[str, Patch])
     CheckedMesh
         Warnings: cells in the opposite orientation, boundary nodes at the same place, orphan nodes, patch nodes inside
         the mesh, boundary nodes without a patch, patches that share nodes.
-
-    Raises
-    ------
-    InvalidInput
-        ``.SHAPE`` for a wrong shape; ``.NONFINITE`` for a coordinate that is not finite; ``.MESH_DEGENERATE`` for node
-        indices out of range, repeated nodes in a cell, inverted or flat cells, and facets of more than two cells;
-        ``.MESH`` for an extent outside the floating-point range, for hanging nodes, for quads on triangles and for
-        patches (unknown role, no or repeated nodes, no moving patch).
     """
     listed, read = cells, checked_cells(points, cells)
     cells, sizes = read.cells, read.sizes

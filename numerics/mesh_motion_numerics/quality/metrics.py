@@ -89,23 +89,13 @@ _NOTHING = np.empty(0), np.empty((0, 0))
 
 @dataclass(frozen=True, eq=False)
 class CellQuality:
-    """Quality of m cells.
+    """Quality of m cells."""
 
-    Attributes
-    ----------
-    size : (m,) array
-        Signed relative size in [-1, 1]; -inf for a cell with positions that are not finite.
-    skew : (m,) array
-        In [0, 1]; -inf as above.
-    inverted : (m,) bool array
-        Any corner determinant ≤ 0 (or not a number).
-    relative : (m,) array, optional
-        Shape relative to the cell at rest, in [0, 1], if the cells at rest are known; "relative-size-skew" needs it.
-    """
-
-    size: Floats
-    skew: Floats
-    inverted: Marks
+    size: Floats  # (m,). Signed relative size in [-1, 1]; -inf for a cell with positions that are not finite
+    skew: Floats  # (m,). In [0, 1]; -inf as above
+    inverted: Marks  # (m,) bool. Any corner determinant ≤ 0 (or not a number)
+    #: (m,). Shape relative to the cell at rest, in [0, 1], if the cells at rest are known;
+    #: "relative-size-skew" needs it.
     relative: Floats | None = None
 
     def __len__(self) -> int:
@@ -136,10 +126,7 @@ class CellQuality:
     def metric(self, name: str) -> Floats:
         """Values (m,) of one of :data:`QUALITY_METRICS`.
 
-        Raises
-        ------
-        InvalidInput
-            On an unknown name, or one that needs the cells at rest if they are not known.
+        Raises InvalidInput on an unknown name, or one that needs the cells at rest if they are not known.
         """
         code, skew = metric_code(name), self.skew
         if name in ("size", "skew"):
@@ -153,20 +140,11 @@ class CellQuality:
 
 @dataclass(frozen=True, eq=False)
 class CellsAtRest:
-    """The cells in the reference mesh; moved cells are measured against them.
+    """The cells in the reference mesh; moved cells are measured against them."""
 
-    Attributes
-    ----------
-    sizes : (m,) array
-        Result of :func:`reference_sizes`.
-    skews : (m,) array
-    points : (n, d) array, mesh length unit
-        Coordinates of the reference mesh's nodes.
-    """
-
-    sizes: Floats
-    skews: Floats
-    points: Floats
+    sizes: Floats  # (m,). Result of :func:`reference_sizes`
+    skews: Floats  # (m,)
+    points: Floats  # (n, d), mesh length unit. Coordinates of the reference mesh's nodes
 
     def __len__(self) -> int:
         return len(self.sizes)
@@ -220,12 +198,8 @@ def judged(
     points: NDArray[np.floating], cells: CellTable, rest: AtRest, metric: str
 ) -> tuple[Floats, tuple[Shorts, ...], Floats, tuple[Floats, Floats], int]:
     """Arguments of loops over all cells: the points (n, d), the nodes of each block, the reference sizes, the skews and
-    points at rest (empty unless the metric needs them), and the metric's number.
-
-    Raises
-    ------
-    InvalidInput
-        On points of another dimension, an unknown metric, or one that needs the cells at rest if they are not known.
+    points at rest (empty unless the metric needs them), and the metric's number. Raises InvalidInput on points of
+    another dimension, an unknown metric, or one that needs the cells at rest if they are not known.
     """
     code, at_rest = metric_code(metric), _NOTHING
     if metric == _RELATIVE:

@@ -49,18 +49,12 @@ _PERCENTILES = (1, 5, 50)
 
 @dataclass(frozen=True)
 class Distribution:
-    """A quality metric over a mesh.
+    """A quality metric over a mesh."""
 
-    Attributes
-    ----------
-    min, mean : float
-        -inf if a cell's position is not finite.
-    p1, p5, p50 : float
-        Percentiles: the values of the cells with rank ⌊p (m - 1) / 100⌋ in ascending order.
-    """
-
+    #: min, mean: -inf if a cell's position is not finite
     min: float
     mean: float
+    #: p1, p5, p50: Percentiles: the values of the cells with rank ⌊p (m - 1) / 100⌋ in ascending order
     p1: float
     p5: float
     p50: float
@@ -68,21 +62,11 @@ class Distribution:
 
 @dataclass(frozen=True)
 class WorstCell:
-    """One of the worst cells of a mesh.
+    """One of the worst cells of a mesh."""
 
-    Attributes
-    ----------
-    number : int
-        Cell number, through the blocks of the cell table.
-    centre : tuple of d floats
-        Mean of the cell's nodes, mesh length unit.
-    value : float
-        Value of the metric that ranks the cells.
-    """
-
-    number: int
-    centre: tuple[float, ...]
-    value: float
+    number: int  # cell number, through the blocks of the cell table
+    centre: tuple[float, ...]  # mean of the cell's nodes, mesh length unit
+    value: float  # value of the metric that ranks the cells
     size: float
     skew: float
     size_skew: float
@@ -97,18 +81,11 @@ class Minimum:
 
 @dataclass(frozen=True)
 class LowestQuality:
-    """The worst cells of a mesh, which decide about a motion, without the distributions; all exact.
+    """The worst cells of a mesh, which decide about a motion, without the distributions; all exact."""
 
-    Attributes
-    ----------
-    metric_name : str
-        The metric of ``metric`` and ``worst``.
-    inverted, cells, worst
-        As in :class:`QualitySummary`.
-    """
-
-    metric_name: str
+    metric_name: str  # the metric of ``metric`` and ``worst``
     metric: Minimum
+    #: inverted, cells, worst: as in :class:`QualitySummary`
     inverted: int
     cells: int
     worst: tuple[WorstCell, ...]
@@ -121,28 +98,16 @@ class LowestQuality:
 
 @dataclass(frozen=True)
 class QualitySummary:
-    """Quality of a mesh in a few numbers.
+    """Quality of a mesh in a few numbers."""
 
-    Attributes
-    ----------
-    metric_name : str
-        The metric of ``metric`` and ``worst``.
-    inverted : int
-        Number of cells with a corner determinant ≤ 0.
-    cells : int
-        Number of cells.
-    worst : tuple of WorstCell
-        Worst first; of equal cells the lower number first.
-    """
-
-    metric_name: str
+    metric_name: str  # the metric of ``metric`` and ``worst``
     metric: Distribution
     size: Distribution
     skew: Distribution
     size_skew: Distribution
-    inverted: int
-    cells: int
-    worst: tuple[WorstCell, ...]
+    inverted: int  # number of cells with a corner determinant ≤ 0
+    cells: int  # number of cells
+    worst: tuple[WorstCell, ...]  # worst first; of equal cells the lower number first
 
     @classmethod
     def of(
@@ -201,6 +166,8 @@ def judged_mesh(
 ) -> tuple[Judgement, Integers]:
     """Quality of all cells in the form of a report, and the cells whose worst corner is below a limit.
 
+    Raises InvalidInput on an unknown metric.
+
     Parameters
     ----------
     points : (n, d) array, mesh length unit
@@ -220,11 +187,6 @@ def judged_mesh(
     -------
     QualitySummary or LowestQuality, (k,) int64 array
         The quality, and the numbers of those cells, ascending.
-
-    Raises
-    ------
-    InvalidInput
-        On an unknown metric.
     """
     arrays = judged(points, cells, reference_sizes, metric)
     judge = kernels.judged_cells if distributions else kernels.lowest_cells

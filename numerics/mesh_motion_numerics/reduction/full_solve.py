@@ -10,10 +10,7 @@ __all__ = ["full_operations", "full_weights"]
 def full_weights(problem: ReductionProblem, selected: Integers) -> Floats:
     """(nc, k) weights that reproduce the displacement of the selected nodes.
 
-    Raises
-    ------
-    QualityRefused
-        If the matrix is singular to working precision.
+    Raises QualityRefused if the matrix is singular to working precision.
     """
     factor = PanelCholesky(
         len(selected), lambda first, last: problem.columns(selected[first:last], rows=selected[first:])

@@ -1,4 +1,4 @@
-"""A set of nodes that grows one by one, and its weights, by two products of its size each (thesis §2.2.3: N_c³).
+"""A set of nodes that grows one by one, and its weights; a node costs two products of its size (thesis §2.2.3: N_c³).
 
 With ``φ_cc = L Lᵀ`` the weights are ``γ = L⁻ᵀ y, y = L⁻¹ d``. A further node appends a row to L, a row w to
 ``W = L⁻¹``, and an entry to y: the scaled error of the earlier nodes at the new one. So ``γ = Σ_j w_j y_j`` only gains
@@ -44,13 +44,7 @@ class GrowingSet:
         return self._problem.displacement[nodes] - self._problem.columns(self.selected, rows=nodes) @ self.weights
 
     def append(self, node: int) -> float:
-        """Append a node; return the number of multiply-adds.
-
-        Raises
-        ------
-        QualityRefused
-            If its pivot is only rounding.
-        """
+        """Append a node; return the number of multiply-adds. Raises QualityRefused if its pivot is only rounding."""
         n = self.count
         self._reserve(n + 1)
         inverse = self._inverse[:n, :n]

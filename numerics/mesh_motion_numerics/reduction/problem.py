@@ -29,33 +29,16 @@ Level = Interpolant
 class ReductionProblem:
     """Displacements of boundary nodes, to be reproduced from few of them.
 
-    Attributes
-    ----------
-    points : (nb, d) array, mesh length unit
-        Boundary nodes with a prescribed displacement, distinct.
-    displacement : (nb, k) array, mesh length unit
-        C-contiguous.
-    basis : str
-        A positive definite basis of :data:`~mesh_motion_numerics.interpolation.kernels.BASES`.
-    support_radius : float, mesh length unit
-        R of the (first) level.
-    tolerance : float
-        Allowed largest error of a node, as a share of the largest displacement; 0 asks for all nodes.
-    max_points : int
-        Largest number of selected nodes; 0: no limit.
-
-    Raises
-    ------
-    InvalidInput
-        If two points coincide.
+    Raises InvalidInput if two points coincide.
     """
 
-    points: Floats
-    displacement: Floats
-    basis: str = DEFAULT_BASIS
-    support_radius: float = 1.0
+    points: Floats  # (nb, d), mesh length unit. Boundary nodes with a prescribed displacement, distinct
+    displacement: Floats  # (nb, k), mesh length unit. C-contiguous
+    basis: str = DEFAULT_BASIS  # a positive definite basis of :data:`~mesh_motion_numerics.interpolation.kernels.BASES`
+    support_radius: float = 1.0  # mesh length unit. R of the (first) level
+    #: Allowed largest error of a node, as a share of the largest displacement; 0 asks for all nodes.
     tolerance: float = 1e-3
-    max_points: int = 0
+    max_points: int = 0  # largest number of selected nodes; 0: no limit
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "points", checked_control_points(self.points))
@@ -113,43 +96,27 @@ class ReductionProblem:
 
 @dataclass(frozen=True)
 class Iterate:
-    """The state of an algorithm each time it has computed errors at the boundary nodes.
+    """The state of an algorithm each time it has computed errors at the boundary nodes."""
 
-    Attributes
-    ----------
-    points : int
-        Nodes selected.
-    max_error, rms_error : float, mesh length unit
-        Maximum and root mean square of the errors' lengths at the nodes that the algorithm tested (all nodes unless it
-        says otherwise).
-    solve_operations, error_operations : float
-        Multiply-adds so far for weights (the N_c⁴ or N_c³ of thesis Table 2.3), and evaluations of φ or stored entries
-        used so far for errors (the N_c² N_b). These are counts and not times, so that they are repeatable.
-    """
-
-    points: int
+    points: int  # nodes selected
+    #: max_error, rms_error: mesh length unit. Maximum and root mean square of the errors' lengths at the nodes
+    #: that the algorithm tested (all nodes unless it says otherwise)
     max_error: float
     rms_error: float
+    #: solve_operations, error_operations: Multiply-adds so far for weights (the N_c⁴ or N_c³ of thesis Table 2.3), and
+    #: evaluations of φ or stored entries used so far for errors (the N_c² N_b). These are counts and not times, so that
+    #: they are repeatable
     solve_operations: float
     error_operations: float
 
 
 @dataclass(frozen=True, eq=False)
 class Reduced:
-    """A reduced interpolation.
+    """A reduced interpolation."""
 
-    Attributes
-    ----------
-    levels : tuple of Level
-        Their sum is the field.
-    selected : (nc,) int64 array
-        Boundary nodes in the order of choice, each once.
-    error : (nb, k) array, mesh length unit
-        Remaining error at all boundary nodes: prescribed minus interpolated, thesis (2.12).
-    """
-
-    levels: tuple[Level, ...]
-    selected: Integers
+    levels: tuple[Level, ...]  # their sum is the field
+    selected: Integers  # (nc,). Boundary nodes in the order of choice, each once
+    #: (nb, k), mesh length unit. Remaining error at all boundary nodes: prescribed minus interpolated, thesis (2.12).
     error: Floats
     history: tuple[Iterate, ...]
 

@@ -24,18 +24,10 @@ _ROUNDING = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class ReducedInterpolation:
-    """Interpolants whose sum is the displacement, at all boundary nodes to rounding.
+    """Interpolants whose sum is the displacement, at all boundary nodes to rounding."""
 
-    Attributes
-    ----------
-    levels : tuple of Interpolant
-        Levels of the reduction, then the near-surface correction if an error remains.
-    selected : (nc,) int64 array
-        Rows of the boundary that the reduction chose, in their order.
-    """
-
-    levels: tuple[AnyInterpolant, ...]
-    selected: Integers
+    levels: tuple[AnyInterpolant, ...]  # levels of the reduction, then the near-surface correction if an error remains
+    selected: Integers  # (nc,). Rows of the boundary that the reduction chose, in their order
 
 
 def interpolate_reduced(

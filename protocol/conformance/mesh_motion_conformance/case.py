@@ -13,6 +13,7 @@ __all__ = ["Case", "Outcome", "Rows", "Skip", "Suite", "Unmet", "require", "sect
 Run = Callable[..., None]
 #: Cases of one kind: the name of each, and the values in which it differs from the others.
 Rows = Mapping[str, Sequence[Any]]
+Make = Callable[[], Iterable[tuple[Any, ...]]]
 
 
 class Unmet(Exception):
@@ -41,24 +42,12 @@ class Skip(Exception):
 
 @dataclass(frozen=True)
 class Case:
-    """One case.
+    """One case."""
 
-    Attributes
-    ----------
-    section : str
-        The number of SPEC.md's section or sentence, as ``"10.2"``.
-    name : str
-        Short, unique with the section.
-    demand : str
-        The demand of SPEC.md, in one line.
-    run : callable
-        Gets the stage; raises :class:`Unmet` or :class:`Skip`.
-    """
-
-    section: str
-    name: str
-    demand: str
-    run: Callable[[Any], None]
+    section: str  # the number of SPEC.md's section or sentence, as ``"10.2"``
+    name: str  # short, unique with the section
+    demand: str  # the demand of SPEC.md, in one line
+    run: Callable[[Any], None]  # gets the stage; raises :class:`Unmet` or :class:`Skip`
 
     @property
     def id(self) -> str:
@@ -112,10 +101,19 @@ class Suite:
 
         return register
 
-    def family(self, make: Callable[[], Iterable[Case]]) -> Callable[[], Iterable[Case]]:
-        """Many cases of one kind, made from a table."""
-        self._sources.append(make)
-        return make
+    def family(self, run: Run, section: str = "") -> Callable[[Make], Make]:
+        """Cases of one kind: a generator yields section (unless it is given), name, demand and further arguments."""
+
+        def register(make: Make) -> Make:
+            def cases() -> Iterator[Case]:
+                for row in make():
+                    at, name, demand, *values = (section, *row) if section else row
+                    yield Case(at, name, demand, partial(_called, run, values))
+
+            self._sources.append(cases)
+            return make
+
+        return register
 
     def __iter__(self) -> Iterator[Case]:
         for source in self._sources:

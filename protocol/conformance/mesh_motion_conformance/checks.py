@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from mesh_motion_conformance.case import Unmet, require
 from mesh_motion_conformance.show import show
 from mesh_motion_conformance.tables import tables
@@ -17,19 +19,21 @@ def check_identity(reply: Message, client: bytes, sequence: int) -> None:
     check_reply(reply)
 
 
-def answered(reply: Message, kind: str) -> Message:
-    """Check that the reply is of the given kind, and return it."""
-    require(reply.kind == kind, kind, show(reply))
+def answered(reply: Message, kind: str, **fields: Any) -> Message:
+    """Check that the reply is of the given kind and has these values in its fields, and return it."""
+    require(reply.kind == kind and _has(reply.fields, fields), f"{kind}{_with(fields)}", show(reply))
     return reply
 
 
-def refused(reply: Message, *codes: str, state: str | None = None) -> Message:
+def refused(reply: Message, *codes: str, state: str | None = None, **details: Any) -> Message:
     """Check that the reply is an ERROR with one of the codes (a canonical name includes its details), and return it.
 
     Parameters
     ----------
     state : str, optional
         The required ``state``: the session's state afterwards.
+    details
+        Values that its ``details`` must have.
     """
     wanted = " or ".join(codes)
     require(reply.kind == "ERROR", f"ERROR {wanted}", show(reply))
@@ -37,7 +41,16 @@ def refused(reply: Message, *codes: str, state: str | None = None) -> Message:
     require(code in codes or code.partition(".")[0] in codes, f"ERROR {wanted}", show(reply))
     check_error(reply)
     require(state is None or reply.fields["state"] == state, f"state {state!r} in the ERROR", show(reply))
+    require(_has(reply.fields["details"], details), f"an ERROR whose details name it{_with(details)}", show(reply))
     return reply
+
+
+def _has(found: dict[str, Any], wanted: dict[str, Any]) -> bool:
+    return {name: found.get(name) for name in wanted} == wanted
+
+
+def _with(wanted: dict[str, Any]) -> str:
+    return "".join(f", {name} {value!r}" for name, value in wanted.items())
 
 
 def check_error(reply: Message) -> None:

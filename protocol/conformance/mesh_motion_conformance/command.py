@@ -18,24 +18,14 @@ __all__ = ["Subject", "conform", "listed"]
 
 @dataclass(frozen=True)
 class Subject:
-    """The tested program: a server's endpoint, or a client.
+    """The tested program: a server's endpoint, or a client."""
 
-    Attributes
-    ----------
-    endpoint : str
-        Empty for a client.
-    client : str or callable
-        The command of its driver program, or a client in this process; empty for a server.
-    seconds, opening_seconds : float
-        The longest wait for a reply, and for a reply to a request that starts a process or computes.
-    patience : float
-        Cases with longer time-outs of the server are skipped.
-    """
-
-    endpoint: str = ""
-    client: str | Client = ""
+    endpoint: str = ""  # empty for a client
+    client: str | Client = ""  # the command of its driver program, or a client in this process; empty for a server
+    #: seconds, opening_seconds: the longest wait for a reply, and for a reply to a request that starts a process or
+    #: computes
     seconds: float = 10.0
-    patience: float = 5.0
+    patience: float = 5.0  # cases with longer time-outs of the server are skipped
     opening_seconds: float = 120.0
 
     def cases(self) -> list[Case]:
@@ -45,7 +35,7 @@ class Subject:
     def stage(self) -> Stage | ClientStage:
         """Where they are played."""
         if self.client:
-            return ClientStage(self.client, seconds=self.seconds)
+            return ClientStage(self.client)
         waits = {"seconds": self.seconds, "opening_seconds": self.opening_seconds, "patience": self.patience}
         return Stage(self.endpoint, **waits)
 
@@ -66,6 +56,8 @@ def conform(
 ) -> list[Outcome]:
     """Run the cases with the subject.
 
+    Raises Unreachable if no server answers at the endpoint.
+
     Parameters
     ----------
     report : callable
@@ -76,15 +68,6 @@ def conform(
         File for a report.
     quiet : bool
         Print failures and the summary only.
-
-    Returns
-    -------
-    list of Outcome
-
-    Raises
-    ------
-    Unreachable
-        If no server answers at the endpoint.
     """
 
     def show(outcome: Outcome) -> None:

@@ -11,7 +11,7 @@ import zmq.utils.monitor
 
 from mesh_motion_conformance.wire import Message, read
 
-__all__ = ["Ended", "Line", "Silence"]
+__all__ = ["Ended", "Line", "Silence", "dealer"]
 
 
 class Silence(Exception):
@@ -20,6 +20,16 @@ class Silence(Exception):
 
 class Ended(Exception):
     """The server ended the connection."""
+
+
+def dealer(endpoint: str, seconds: float) -> zmq.Socket[bytes]:
+    """A DEALER socket for this endpoint, not yet connected, whose calls last at most the given time."""
+    socket: zmq.Socket[bytes] = zmq.Context.instance().socket(zmq.DEALER)
+    socket.setsockopt(zmq.LINGER, 0)
+    for option in (zmq.SNDTIMEO, zmq.RCVTIMEO):
+        socket.setsockopt(option, round(1000 * seconds))
+    socket.setsockopt(zmq.IPV6, int("[" in endpoint))
+    return socket
 
 
 class Line:
@@ -43,11 +53,7 @@ class Line:
         self.seconds = seconds
         self.client = uuid.uuid4().bytes
         self.sequence = 0
-        self._socket: zmq.Socket[bytes] = zmq.Context.instance().socket(zmq.DEALER)
-        self._socket.setsockopt(zmq.LINGER, 0)
-        for option in (zmq.SNDTIMEO, zmq.RCVTIMEO):
-            self._socket.setsockopt(option, round(1000 * seconds))
-        self._socket.setsockopt(zmq.IPV6, int("[" in endpoint))
+        self._socket = dealer(endpoint, seconds)
         self._events: zmq.Socket[bytes] = self._socket.get_monitor_socket(zmq.EVENT_DISCONNECTED)
         self._socket.connect(endpoint)
 
@@ -67,12 +73,7 @@ class Line:
         self._socket.send(frame, zmq.SNDMORE)
 
     def receive(self, seconds: float | None = None) -> Message:
-        """The next message.
-
-        Raises
-        ------
-        Silence, Ended, Malformed
-        """
+        """The next message, or one of the errors Silence, Ended and Malformed."""
         deadline = time.monotonic() + (self.seconds if seconds is None else seconds)
         poller = zmq.Poller()
         poller.register(self._socket, zmq.POLLIN)

@@ -7,6 +7,8 @@ import time
 import zmq
 import zmq.utils.monitor
 
+from mesh_motion_conformance.line import dealer
+
 __all__ = ["Unreachable", "require_somebody"]
 
 _CONNECTED = zmq.EVENT_CONNECTED
@@ -22,17 +24,9 @@ class Unreachable(Exception):
 def require_somebody(endpoint: str, seconds: float) -> None:
     """Make one ZMTP connection and end it.
 
-    A refused connection ends the check at once, silence ends it after ``seconds``.
-
-    Raises
-    ------
-    Unreachable
+    A refused connection ends the check at once, silence ends it after ``seconds``; both raise :class:`Unreachable`.
     """
-    socket: zmq.Socket[bytes] = zmq.Context.instance().socket(zmq.DEALER)
-    socket.setsockopt(zmq.LINGER, 0)
-    for option in (zmq.SNDTIMEO, zmq.RCVTIMEO):
-        socket.setsockopt(option, round(1000 * seconds))
-    socket.setsockopt(zmq.IPV6, int("[" in endpoint))
+    socket = dealer(endpoint, seconds)
     events = socket.get_monitor_socket(_CONNECTED | _GREETED | _AGAIN | _NOT_ADMITTED)
     try:
         socket.connect(endpoint)

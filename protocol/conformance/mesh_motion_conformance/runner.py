@@ -40,11 +40,8 @@ def selected(cases: Iterable[Case], only: Sequence[str]) -> list[Case]:
 
 def _names(name: str, case: Case) -> bool:
     """``10`` selects 10, 10.2 and all their cases, ``10.2-repeat`` the cases that begin with it."""
-    return (
-        name in (case.section, case.id)
-        or case.section.startswith(f"{name}.")
-        or ("-" in name and case.id.startswith(name))
-    )
+    begins = case.section.startswith(f"{name}.") or ("-" in name and case.id.startswith(name))
+    return begins or name in (case.section, case.id)
 
 
 def run(cases: Iterable[Case], stage: Stage, report: Callable[[Outcome], None] | None = None) -> list[Outcome]:

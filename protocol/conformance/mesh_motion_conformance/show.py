@@ -17,9 +17,8 @@ _LONGEST = 600
 def show(message: Message) -> str:
     """``TYPE sequence {fields} arrays`` in one line."""
     arrays = [f"{name} {array.dtype.str}{list(array.shape)}" for name, array in message.arrays.items()]
-    return _cut(
-        f"{message.kind} #{message.sequence} {_plain(message.fields)}{' + ' if arrays else ''}{', '.join(arrays)}"
-    )
+    text = f"{message.kind} #{message.sequence} {_plain(message.fields)}"
+    return _cut(" + ".join([text, ", ".join(arrays)] if arrays else [text]))
 
 
 def show_frames(frames: Sequence[bytes]) -> str:

@@ -14,42 +14,24 @@ __all__ = ["Field", "Tables", "tables"]
 
 @dataclass(frozen=True)
 class Field:
-    """A field of a message, from its row in section 12.
-
-    Attributes
-    ----------
-    name, kind : str
-        ``kind`` is str, bin, int, float, bool, array, map, any or frames.
-    says : dict
-        Further contents of the row: ``choices``, ``low``, ``high``, ``exactly``, ``at_most``, ``item``, ``dtypes``,
-        ``axes``, ``default``.
-    """
+    """A field of a message, from its row in section 12."""
 
     name: str
-    kind: str
+    kind: str  # str, bin, int, float, bool, array, map, any or frames
     required: bool
+    #: Further contents of the row: ``choices``, ``low``, ``high``, ``exactly``, ``at_most``, ``item``, ``dtypes``,
+    #: ``axes``, ``default``.
     says: dict[str, Any]
 
 
 @dataclass(frozen=True)
 class Tables:
-    """The tables of SPEC.md.
+    """The tables of SPEC.md."""
 
-    Attributes
-    ----------
-    requests : dict
-        Request → ``endpoint`` (control, data, both), ``collective``, ``reply``.
-    messages : dict
-        Message → its fields.
-    states : dict
-        State → operation → the state afterwards, None if it is refused.
-    limits, settings, errors : dict
-        By name, key, code.
-    """
-
-    requests: dict[str, dict[str, Any]]
-    messages: dict[str, list[Field]]
-    states: dict[str, dict[str, str | None]]
+    requests: dict[str, dict[str, Any]]  # request → ``endpoint`` (control, data, both), ``collective``, ``reply``
+    messages: dict[str, list[Field]]  # message → its fields
+    states: dict[str, dict[str, str | None]]  # state → operation → the state afterwards, None if it is refused
+    #: limits, settings, errors: by name, key, code
     limits: dict[str, dict[str, Any]]
     settings: dict[str, dict[str, Any]]
     errors: dict[str, dict[str, Any]]

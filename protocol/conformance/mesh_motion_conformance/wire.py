@@ -13,18 +13,8 @@ from numpy.typing import NDArray
 
 from mesh_motion_conformance.tables import tables
 
-__all__ = [
-    "CHUNK_BYTES",
-    "HEADER_BYTES",
-    "KEYS",
-    "Malformed",
-    "Message",
-    "check_reply",
-    "declaration",
-    "frames_of",
-    "pack",
-    "read",
-]
+__all__ = ["CHUNK_BYTES", "HEADER_BYTES", "KEYS", "KINDS", "Malformed", "Message", "check_reply", "declaration",
+           "frames_of", "pack", "read"]  # fmt: skip
 
 Array = NDArray[Any]
 
@@ -36,15 +26,11 @@ _DEPTH = 12
 _BYTES = {"<f8": 8, "<f4": 4, "<i8": 8, "<i4": 4}
 _WIDE = {"<f4": "<f8", "<i4": "<i8"}
 _MISSING = object()
-_KINDS: dict[str, tuple[type, ...]] = {
-    "str": (str,),
-    "bin": (bytes,),
-    "int": (int,),
-    "float": (float, int),
-    "bool": (bool,),
-    "array": (list,),
+#: The types of Python that a field of each kind may have.
+KINDS: dict[str, tuple[type, ...]] = {
+    "str": (str,), "bin": (bytes,), "int": (int,), "float": (float, int), "bool": (bool,), "array": (list,),
     "map": (dict,),
-}
+}  # fmt: skip
 
 
 class Malformed(Exception):
@@ -57,18 +43,7 @@ class Malformed(Exception):
 
 @dataclass
 class Message:
-    """A message that was received.
-
-    Attributes
-    ----------
-    kind : str
-        ``type`` in the header.
-    fields : dict
-    arrays : dict
-        By name, widened to 8 bytes an item.
-    frames : list of bytes
-        As received.
-    """
+    """A message as received; ``kind`` is ``type`` in the header, arrays are widened to 8 bytes an item."""
 
     kind: str
     client: bytes
@@ -183,12 +158,7 @@ def _declared_bytes(entry: Any) -> int:
 
 
 def check_reply(message: Message) -> None:
-    """Check the fields and arrays of a reply by section 12; unknown fields are ignored.
-
-    Raises
-    ------
-    Malformed
-    """
+    """Raise :class:`Malformed` if section 12 has other fields and arrays for a reply; unknown fields are ignored."""
     if message.kind not in tables().messages:
         raise Malformed("12", f"there is no message {message.kind!r}")
     for spec in tables().fields(message.kind):
@@ -196,7 +166,7 @@ def check_reply(message: Message) -> None:
         if value is _MISSING:
             if spec.required:
                 raise Malformed("12", f"{message.kind} must have the field {spec.name}")
-        elif spec.kind != "any" and type(value) not in _KINDS[spec.kind]:
+        elif spec.kind != "any" and type(value) not in KINDS[spec.kind]:
             raise Malformed("12", f"{message.kind}.{spec.name} must be {spec.kind}, got {value!r:.60}")
         elif "exactly" in spec.says and len(value) != spec.says["exactly"]:
             raise Malformed("12", f"{message.kind}.{spec.name} must have {spec.says['exactly']} bytes")

@@ -69,7 +69,7 @@ def play(solid, loads, dt):
 
 
 def test_flap_under_tip_load_swings_as_the_beam_does(flap):
-    """After a sudden load: about the static deflection F L³ / 3 E' I, in the first mode's period, without damping."""
+    """After a sudden load the tip swings about the static deflection F L³ / 3 E' I, with the first mode's period."""
     solid = flap((2, 16))
     force, dt, count = 0.1, PERIOD / 30.0, 45
     deflection = [tip(solid, window)[0] for window in play(solid, [force] * count, dt)]

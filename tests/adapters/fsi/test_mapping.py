@@ -52,7 +52,7 @@ def test_sources_keep_their_values():
 
 
 def test_bending_converges_with_the_nodes():
-    """Between second and third order: twice the nodes leave less than a third of the error."""
+    """The order is between two and three: twice the nodes leave less than a third of the error."""
     _, targets = INTERFACES["flap"]
     errors = []
     for along in (6, 11, 21):

@@ -120,7 +120,7 @@ def test_the_tutorial_gives_the_monolithic_motion(server, tmp_path):
 
 
 def test_the_tutorial_s_files_fit():
-    """Without preCICE: the configuration gives MeshMotion exactly the meshes and data that it names."""
+    """The configuration gives MeshMotion exactly the meshes and data that it names; no preCICE is needed for this."""
     ours = read_configuration(TUTORIAL / "precice-adapter-config.json")
     text = ours.precice_config.read_text()
     root = ET.fromstring(text.replace("data:vector", "data-vector").replace("m2n:", "m2n-").replace("mapping:", "")

@@ -1,4 +1,4 @@
-"""The near-surface correction: its radius, and its effect on layers that setting the nodes alone would invert."""
+"""The near-surface correction: its radius, and layers that invert if only their nodes are set."""
 
 import numpy as np
 import pytest

@@ -327,6 +327,20 @@ def test_a_session_that_failed_stays_so_when_its_disk_fails_too(
     assert driver.ask(Close).step == 0
 
 
+def test_the_failure_of_the_disk_is_reported_once(opened: Any, held: threading.Event, monkeypatch: Any) -> None:
+    """A refused MOVE has named it: the CLOSE after it closes."""
+    driver = opened.open("relaxed")
+    driver.advance(1)
+    monkeypatch.setattr(PosixFileSystem, "sync", raising(OSError(5, "Input/output error")))
+    held.set()
+    deadline = time.monotonic() + 30
+    while driver.ask(Status).state != "FROZEN":
+        assert time.monotonic() < deadline
+        time.sleep(1e-3)
+    assert driver.move(2)[0].state == "FROZEN"
+    assert driver.ask(Close).type == "CLOSED"
+
+
 def test_of_a_session_that_failed_no_state_is_stored(opened: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     driver = opened.open("replay")
     driver.advance(1)

@@ -34,6 +34,16 @@ def test_a_dropped_reply_is_stale() -> None:
     assert caught.value.details == {"sequence": 2, "oldest": 3}
 
 
+def test_a_request_between_dropped_ones_is_stale_in_any_order_of_their_numbers() -> None:
+    table: ReplyTable[str] = ReplyTable(1, 1000)
+    for sequence in (9, 3, 12):  # the reply to 9 is dropped first, then the one to 3
+        table.store(ask(sequence), str(sequence))
+    for sequence in (3, 5, 9):
+        with pytest.raises(SessionError, match="older than the replies kept") as caught:
+            table.find(ask(sequence))
+        assert caught.value.details["oldest"] == 10
+
+
 def test_behind_the_largest_number_there_is_none() -> None:
     """A fault that the handlers' fuzz found: the detail did not fit into 64 bits, so its reply fitted into no
     header.

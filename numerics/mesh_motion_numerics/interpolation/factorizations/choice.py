@@ -49,14 +49,9 @@ def choose_solver(
 ) -> LinearSolver:
     """Make the named linear solver of a positive definite basis; "auto" chooses one.
 
-    Raises
-    ------
-    InvalidInput
-        If the solver is "sparse" and the basis has no compact support.
-    QualityRefused
-        If the matrix is singular to working precision.
-    ResourceExhausted
-        If the factors of the named solver would take too much memory; "auto" chooses another one.
+    Raises InvalidInput if the solver is "sparse" and the basis has no compact support. Raises QualityRefused if the
+    matrix is singular to working precision. Raises ResourceExhausted if the factors of the named solver would take too
+    much memory; "auto" chooses another one.
     """
     name = _automatic(layout, support_radius) if solver == "auto" else solver
     if name == "iterative":
@@ -74,12 +69,8 @@ def choose_solver(
 def dense_solver(points: Floats, basis: Basis, support_radius: float, smoothing: Floats | None = None) -> PanelCholesky:
     """The factor of a dense matrix with λ, the ``smoothing`` (nc,), added to its diagonal.
 
-    Raises
-    ------
-    QualityRefused
-        If the matrix is singular to working precision.
-    ResourceExhausted
-        If the factor would take too much memory.
+    Raises QualityRefused if the matrix is singular to working precision. Raises ResourceExhausted if the factor would
+    take too much memory.
     """
     check_dense(len(points))
     rows = padded(points)

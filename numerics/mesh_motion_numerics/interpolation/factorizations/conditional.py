@@ -29,10 +29,7 @@ __all__ = ["NullSpaceCholesky"]
 class NullSpaceCholesky:
     """Weights and polynomial coefficients of a basis that is definite only with a polynomial.
 
-    Raises
-    ------
-    ResourceExhausted
-        If the factor would take too much memory.
+    Raises ResourceExhausted if the factor would take too much memory.
     """
 
     name = "dense"

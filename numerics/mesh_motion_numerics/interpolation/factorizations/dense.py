@@ -28,6 +28,8 @@ _LOST = 64 * float(np.finfo(float).eps)
 class PanelCholesky:
     """``A = L Lᵀ`` with L in panels of columns.
 
+    Raises QualityRefused if a pivot vanishes relative to the diagonal of A: it is only rounding.
+
     Parameters
     ----------
     order : int
@@ -35,11 +37,6 @@ class PanelCholesky:
     panel : callable
         ``panel(first, last)`` gives a fresh (n − first, last − first) array: columns first … last of A, from the
         diagonal down.
-
-    Raises
-    ------
-    QualityRefused
-        If a pivot vanishes relative to the diagonal of A: it is only rounding.
     """
 
     name = "dense"

@@ -63,10 +63,7 @@ class ConjugateGradients:
     def solve(self, values: Floats) -> Floats:
         """(n, k) solution, rows in the caller's order.
 
-        Raises
-        ------
-        QualityRefused
-            If the residual stays above 1e-8 of the right-hand side.
+        Raises QualityRefused if the residual stays above 1e-8 of the right-hand side.
         """
         rhs = np.ascontiguousarray(values[self._layout.order])
         scale = np.sqrt(np.sum(rhs * rhs, axis=0))

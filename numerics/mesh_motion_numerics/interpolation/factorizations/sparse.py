@@ -21,16 +21,13 @@ _BYTES_AN_ENTRY = 12
 class SparseFactor:
     """Factors of a sparse symmetric positive definite matrix.
 
+    Raises QualityRefused if a pivot vanishes.
+
     Parameters
     ----------
     matrix : (n, n) csr_array
         Rows and columns in the order ``order`` of the caller's points.
     order : (n,) int64 array
-
-    Raises
-    ------
-    QualityRefused
-        If a pivot vanishes.
     """
 
     name = "sparse"

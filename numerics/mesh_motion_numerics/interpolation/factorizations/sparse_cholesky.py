@@ -16,19 +16,14 @@ __all__ = ["SparseCholesky"]
 
 @dataclass(frozen=True, eq=False)
 class SparseCholesky:
-    """``A = L Lᵀ`` in an order of elimination.
+    """``A = L Lᵀ`` in an order of elimination."""
 
-    Attributes
-    ----------
-    order, starts, rows : (n,) int32, (n + 1,) int64, (e,) int32 arrays
-        The order, and the pattern of L below its diagonal by columns.
-    diagonal, below : (n, 1, 1), (e, 1, 1) arrays
-        L.
-    """
-
+    #: order, starts, rows: (n,) int32, (n + 1,) int64, (e,) int32. The order, and the pattern of L below its diagonal
+    #: by columns
     order: NDArray[np.int32]
     starts: Integers
     rows: NDArray[np.int32]
+    #: diagonal, below: (n, 1, 1), (e, 1, 1). L
     diagonal: Floats
     below: Floats
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import msgpack
@@ -15,158 +16,164 @@ from mesh_motion_conformance.wire import Message, pack
 if TYPE_CHECKING:
     from mesh_motion_conformance.client.scripted_server import ScriptedServer
 
-__all__ = ["ACTIONS"]
+__all__ = ["ACTIONS", "Arrival"]
 
 #: A reply has left within this, seconds.
 _ON_ITS_WAY = 0.1
 
-Action = Callable[["ScriptedServer", "zmq.Socket[bytes]", bytes, Message, dict[str, Any]], None]
+
+@dataclass(frozen=True)
+class Arrival:
+    """A request that has arrived, and what an action may do with it; ``given``: the action's parameters."""
+
+    server: ScriptedServer
+    socket: zmq.Socket[bytes]
+    peer: bytes
+    request: Message
+    given: dict[str, Any]
+
+    def executed(self) -> Reply:
+        """The answer of an undisturbed server."""
+        endpoint = "control" if self.request.kind in ("HELLO", "OPEN", "RESUME", "LIST", "PROBE") else "data"
+        return self.server.execute(self.request, endpoint)
+
+    def send(self, reply: Reply, after: float = 0.0, **header: Any) -> None:
+        """Send a reply, now or later; ``header`` overrides keys of frame 0."""
+        self.put(self.server.frames(self.request, reply, **header), after)
+
+    def put(self, frames: list[bytes], after: float = 0.0) -> None:
+        """Send frames to the peer, now or later."""
+        self.server.put(self.socket, self.peer, frames, after=after)
 
 
-def _executed(server: ScriptedServer, request: Message) -> Reply:
-    endpoint = "control" if request.kind in ("HELLO", "OPEN", "RESUME", "LIST", "PROBE") else "data"
-    return server.execute(request, endpoint)
-
-
-def delay(server: ScriptedServer, socket: Any, peer: bytes, request: Message, given: dict[str, Any]) -> None:
+def delay(at: Arrival) -> None:
     """The reply comes ``seconds`` later."""
-    server.send(socket, peer, request, _executed(server, request), after=given["seconds"])
+    at.send(at.executed(), after=at.given["seconds"])
 
 
-def lose(server: ScriptedServer, socket: Any, peer: bytes, request: Message, given: dict[str, Any]) -> None:
+def lose(at: Arrival) -> None:
     """Execute the request, never answer; the connection stays."""
-    del socket, peer, given
-    _executed(server, request)
+    at.executed()
 
 
-def drop(server: ScriptedServer, socket: Any, peer: bytes, request: Message, given: dict[str, Any]) -> None:
+def drop(at: Arrival) -> None:
     """Neither execute nor answer; the connection stays."""
 
 
-def cut(server: ScriptedServer, socket: Any, peer: bytes, request: Message, given: dict[str, Any]) -> None:
+def cut(at: Arrival) -> None:
     """Execute, do not answer, and end all data connections; the worker lives."""
-    lose(server, socket, peer, request, given)
-    server.cut_data()
+    lose(at)
+    at.server.cut_data()
 
 
-def cut_after(server: ScriptedServer, socket: Any, peer: bytes, request: Message, given: dict[str, Any]) -> None:
+def cut_after(at: Arrival) -> None:
     """Execute and answer, then end all data connections while the client is idle; the worker lives."""
-    del given
-    server.send(socket, peer, request, _executed(server, request))
+    at.send(at.executed())
     time.sleep(_ON_ITS_WAY)
-    server.cut_data()
+    at.server.cut_data()
 
 
-def cut_before(server: ScriptedServer, socket: Any, peer: bytes, request: Message, given: dict[str, Any]) -> None:
+def cut_before(at: Arrival) -> None:
     """Do not execute, and end all data connections; the worker lives."""
-    del socket, peer, request, given
-    server.cut_data()
+    at.server.cut_data()
 
 
-def die(server: ScriptedServer, socket: Any, peer: bytes, request: Message, given: dict[str, Any]) -> None:
+def die(at: Arrival) -> None:
     """Execute, do not answer, and end the worker; ``worker`` is the state in the next PROBED."""
-    lose(server, socket, peer, request, given)
-    die_before(server, socket, peer, request, given)
+    lose(at)
+    die_before(at)
 
 
-def die_before(server: ScriptedServer, socket: Any, peer: bytes, request: Message, given: dict[str, Any]) -> None:
+def die_before(at: Arrival) -> None:
     """Do not execute, and end the worker."""
-    del socket, peer, request
-    server.worker = given.get("worker", "dead")
-    server.session.lose_worker()
-    server.close_data()
+    at.server.worker = at.given.get("worker", "dead")
+    at.server.session.lose_worker()
+    at.server.close_data()
 
 
-def die_forgetting(server: ScriptedServer, socket: Any, peer: bytes, request: Message, given: dict[str, Any]) -> None:
+def die_forgetting(at: Arrival) -> None:
     """Do not execute; the worker ends and loses the last ``steps``, which were committed but not durable."""
-    die_before(server, socket, peer, request, given)
-    server.session.forget(given["steps"])
+    die_before(at)
+    at.server.session.forget(at.given["steps"])
 
 
-def fence(server: ScriptedServer, socket: Any, peer: bytes, request: Message, given: dict[str, Any]) -> None:
+def fence(at: Arrival) -> None:
     """Another client resumes the session just before this request."""
-    del given
-    server.session.resume()
-    server.send(socket, peer, request, _executed(server, request))
+    at.server.session.resume()
+    at.send(at.executed())
 
 
-def fence_silently(server: ScriptedServer, socket: Any, peer: bytes, request: Message, given: dict[str, Any]) -> None:
+def fence_silently(at: Arrival) -> None:
     """Another client resumes the session, and this request's connection ends."""
-    del socket, peer, request, given
-    server.session.resume()
-    server.cut_data()
+    at.server.session.resume()
+    at.server.cut_data()
 
 
-def twice(server: ScriptedServer, socket: Any, peer: bytes, request: Message, given: dict[str, Any]) -> None:
+def twice(at: Arrival) -> None:
     """Send the reply twice, the second time late."""
-    reply = _executed(server, request)
-    server.send(socket, peer, request, reply)
-    server.send(socket, peer, request, reply, after=given.get("seconds", 0.0))
+    reply = at.executed()
+    at.send(reply)
+    at.send(reply, after=at.given.get("seconds", 0.0))
 
 
-def refuse(server: ScriptedServer, socket: Any, peer: bytes, request: Message, given: dict[str, Any]) -> None:
+def refuse(at: Arrival) -> None:
     """ERROR ``code`` instead of the execution."""
-    details = given.get("details", {})
-    server.send(socket, peer, request, error(given["code"], server.session.state, **details))
+    details = at.given.get("details", {})
+    at.send(error(at.given["code"], at.server.session.state, **details))
 
 
-def fields(server: ScriptedServer, socket: Any, peer: bytes, request: Message, given: dict[str, Any]) -> None:
+def fields(at: Arrival) -> None:
     """The reply with other fields: ``set`` overrides, ``without`` leaves out."""
-    reply = _executed(server, request)
-    kept = {name: value for name, value in reply.fields.items() if name not in given.get("without", ())}
-    server.send(socket, peer, request, Reply(reply.kind, kept | given.get("set", {}), reply.arrays))
+    reply = at.executed()
+    kept = {name: value for name, value in reply.fields.items() if name not in at.given.get("without", ())}
+    at.send(Reply(reply.kind, kept | at.given.get("set", {}), reply.arrays))
 
 
-def header(server: ScriptedServer, socket: Any, peer: bytes, request: Message, given: dict[str, Any]) -> None:
+def header(at: Arrival) -> None:
     """The reply with other keys in frame 0: ``set``."""
-    server.send(socket, peer, request, _executed(server, request), **given["set"])
+    at.send(at.executed(), **at.given["set"])
 
 
-def foreign_first(server: ScriptedServer, socket: Any, peer: bytes, request: Message, given: dict[str, Any]) -> None:
+def foreign_first(at: Arrival) -> None:
     """Send replies to other requests before the reply: an earlier sequence, a later one, another client."""
-    reply = _executed(server, request)
-    wrong = Reply(reply.kind, reply.fields | given.get("set", {}), reply.arrays)
-    for other in (
-        {"sequence": request.sequence + 7},
-        {"sequence": max(request.sequence - 1, 0)},
-        {"client": bytes(16)},
-    ):
-        server.send(socket, peer, request, wrong, **other)
-    server.send(socket, peer, request, reply)
+    reply = at.executed()
+    wrong = Reply(reply.kind, reply.fields | at.given.get("set", {}), reply.arrays)
+    number = at.request.sequence
+    for other in ({"sequence": number + 7}, {"sequence": max(number - 1, 0)}, {"client": bytes(16)}):
+        at.send(wrong, **other)
+    at.send(reply)
 
 
-def garbage(server: ScriptedServer, socket: Any, peer: bytes, request: Message, given: dict[str, Any]) -> None:
+def garbage(at: Arrival) -> None:
     """Frames that are no message, in hexadecimal: ``frames``."""
-    _executed(server, request)
-    server.put(socket, peer, [bytes.fromhex(frame) for frame in given["frames"]])
+    at.executed()
+    at.put([bytes.fromhex(frame) for frame in at.given["frames"]])
 
 
-def narrow(server: ScriptedServer, socket: Any, peer: bytes, request: Message, given: dict[str, Any]) -> None:
+def narrow(at: Arrival) -> None:
     """Send the reply's arrays with four bytes per item."""
-    del given
-    reply = _executed(server, request)
+    reply = at.executed()
     arrays = {name: array.astype(f"<{array.dtype.kind}4") for name, array in reply.arrays.items()}
-    server.send(socket, peer, request, Reply(reply.kind, reply.fields, arrays))
+    at.send(Reply(reply.kind, reply.fields, arrays))
 
 
-def spelled(server: ScriptedServer, socket: Any, peer: bytes, request: Message, given: dict[str, Any]) -> None:
+def spelled(at: Arrival) -> None:
     """Send the reply's header in another encoding: keys in descending order, sequence in 64 bits."""
-    del given
-    first, *rest = server.frames(request, _executed(server, request), sequence=0)
+    first, *rest = at.server.frames(at.request, at.executed(), sequence=0)
     header: dict[str, Any] = msgpack.unpackb(first)
     del header["sequence"]
     packed = b"\xde\x00\x06" + b"".join(pack(key) + pack(header[key]) for key in sorted(header, reverse=True))
-    server.put(socket, peer, [packed + pack("sequence") + b"\xcf" + request.sequence.to_bytes(8, "big"), *rest])
+    at.put([packed + pack("sequence") + b"\xcf" + at.request.sequence.to_bytes(8, "big"), *rest])
 
 
-def misframed(server: ScriptedServer, socket: Any, peer: bytes, request: Message, given: dict[str, Any]) -> None:
+def misframed(at: Arrival) -> None:
     """The reply with a frame too ``few``, too ``many``, or ``short``."""
-    frames = server.frames(request, _executed(server, request))
+    frames = at.server.frames(at.request, at.executed())
     changed = {"few": frames[:-1], "many": [*frames, b"x"], "short": [*frames[:-1], frames[-1][:-1]]}
-    server.put(socket, peer, changed[given["how"]])
+    at.put(changed[at.given["how"]])
 
 
-ACTIONS: dict[str, Action] = {
+ACTIONS: dict[str, Callable[[Arrival], None]] = {
     action.__name__.replace("_", "-"): action
     for action in (
         delay, lose, drop, cut, cut_after, cut_before, die, die_before, die_forgetting, fence, fence_silently, twice,

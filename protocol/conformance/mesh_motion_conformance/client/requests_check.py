@@ -9,14 +9,9 @@ from typing import Any
 import numpy as np
 
 from mesh_motion_conformance.tables import Field, tables
-from mesh_motion_conformance.wire import Message
+from mesh_motion_conformance.wire import KINDS, Message
 
 __all__ = ["offences"]
-
-_KINDS: dict[str, tuple[type, ...]] = {
-    "str": (str,), "bin": (bytes,), "int": (int,), "float": (float, int), "bool": (bool,), "array": (list,),
-    "map": (dict,),
-}  # fmt: skip
 
 
 def offences(request: Message) -> list[str]:
@@ -43,7 +38,7 @@ def _fields(request: Message) -> Iterator[str]:
 
 def _value(where: str, value: Any, field: Field) -> Iterator[str]:
     says = field.says
-    if type(value) not in _KINDS[field.kind]:
+    if type(value) not in KINDS[field.kind]:
         yield f"{where} must be {field.kind}, got {value!r:.60}"
         return
     if not _finite(value):

@@ -14,7 +14,7 @@ from typing import Any
 
 import zmq
 
-from mesh_motion_conformance.client.actions import ACTIONS
+from mesh_motion_conformance.client.actions import ACTIONS, Arrival
 from mesh_motion_conformance.client.requests_check import offences
 from mesh_motion_conformance.client.scripted_session import SESSION, TOKEN, Reply, ScriptedSession, error
 from mesh_motion_conformance.tables import tables
@@ -28,15 +28,7 @@ _MOST_MILLISECONDS = 60_000
 
 @dataclass(frozen=True)
 class Disturbance:
-    """A disturbance of the ``nth`` to ``nth + times - 1`` arrival of a request.
-
-    Attributes
-    ----------
-    action : str
-        A key of :data:`ACTIONS`.
-    given : dict
-        Parameters of the action.
-    """
+    """A disturbance of the ``nth`` to ``nth + times - 1`` arrival of a request: a key of :data:`ACTIONS`."""
 
     request: str
     action: str
@@ -47,24 +39,15 @@ class Disturbance:
 
 @dataclass(frozen=True)
 class Seen:
-    """A request that arrived, with its endpoint, connection and time."""
+    """A request that arrived, with its endpoint and its faults."""
 
     message: Message
     endpoint: str
-    peer: bytes
-    at: float
-    wrong: tuple[str, ...] = ()
+    wrong: tuple[str, ...]
 
 
 class ScriptedServer:
-    """Runs from construction to :meth:`close`.
-
-    Parameters
-    ----------
-    disturbances : sequence of Disturbance
-    welcome : dict
-        Fields of WELCOME that differ from a plain server's.
-    """
+    """Runs from construction to :meth:`close`; ``welcome``: fields of WELCOME that differ from a plain server's."""
 
     def __init__(self, disturbances: list[Disturbance], welcome: dict[str, Any]) -> None:
         self.session = ScriptedSession()
@@ -128,16 +111,17 @@ class ScriptedServer:
         if endpoint == "data" and request.kind == "JOIN":
             self._joined.add(peer)
         elif endpoint == "data" and request.kind != "PING" and peer not in self._joined:
-            self.send(socket, peer, request, error("UNAUTHENTICATED", self.session.state, partition=0))
+            refusal = error("UNAUTHENTICATED", self.session.state, partition=0)
+            self.put(socket, peer, self.frames(request, refusal))
             return
-        wrong = tuple(offences(request))
-        self.seen.append(Seen(request, endpoint, peer, time.monotonic(), wrong))
+        self.seen.append(Seen(request, endpoint, tuple(offences(request))))
         self._arrivals[request.kind] += 1
         disturbance = self._disturbance(request.kind)
+        arrival = Arrival(self, socket, peer, request, disturbance.given if disturbance else {})
         if disturbance is None:
-            self.send(socket, peer, request, self.execute(request, endpoint))
+            arrival.send(self.execute(request, endpoint))
         else:
-            ACTIONS[disturbance.action](self, socket, peer, request, disturbance.given)
+            ACTIONS[disturbance.action](arrival)
 
     def _disturbance(self, kind: str) -> Disturbance | None:
         count = self._arrivals[kind]
@@ -163,15 +147,9 @@ class ScriptedServer:
 
     def _answer_control(self, request: Message) -> Reply:
         if request.kind == "HELLO":
+            fields: dict[str, Any] = {"version": [1, 0], "features": [], "server": "scripted", "boot": bytes(16)}
             limits = {name: row["value"] for name, row in tables().limits.items()}
-            fields: dict[str, Any] = {
-                "version": [1, 0],
-                "features": [],
-                "server": "scripted",
-                "boot": bytes(16),
-                "limits": limits,
-            }
-            return Reply("WELCOME", fields | {"durability": ["full"]} | self._welcome)
+            return Reply("WELCOME", fields | {"limits": limits, "durability": ["full"]} | self._welcome)
         if request.kind == "LIST":
             return Reply("LISTED", {"sessions": [], "more": False})
         if request.kind == "OPEN":
@@ -226,19 +204,6 @@ class ScriptedServer:
             "arrays": [declaration(name, array) for name, array in reply.arrays.items()],
         }
         return [pack(content | header), *(frame for array in reply.arrays.values() for frame in frames_of(array))]
-
-    def send(
-        self,
-        socket: zmq.Socket[bytes],
-        peer: bytes,
-        request: Message,
-        reply: Reply,
-        *,
-        after: float = 0.0,
-        **header: Any,
-    ) -> None:
-        """Send a reply, now or later."""
-        self.put(socket, peer, self.frames(request, reply, **header), after=after)
 
     def put(self, socket: zmq.Socket[bytes], peer: bytes, frames: list[bytes], *, after: float = 0.0) -> None:
         """Send frames to a peer, now or later."""

@@ -25,19 +25,10 @@ _START_SECONDS = 20.0
 
 
 class ClientStage:
-    """A client under test.
+    """A client under test: a driver program with its arguments, as for a shell, or a client in this process."""
 
-    Parameters
-    ----------
-    client : str or callable
-        The driver program with its arguments, as for a shell, or a client in this process.
-    seconds : float
-        Not used, because scenarios have their own times; the same parameter as for servers.
-    """
-
-    def __init__(self, client: str | Client, *, seconds: float = 10.0) -> None:
+    def __init__(self, client: str | Client) -> None:
         self.client = client
-        self.seconds = seconds
         self.sent = ""
 
     def between(self) -> None:
@@ -120,11 +111,10 @@ def _digest() -> str:
 
 def _judge_requests(scenario: Scenario, server: ScriptedServer) -> None:
     """Check the arrived messages: all are requests, ids are used once, and the counts are those of the scenario."""
-    if server.broken:
-        raise Unmet("messages of SPEC.md", server.broken[0])
+    require(not server.broken, "messages of SPEC.md", "".join(server.broken[:1]))
     for seen in server.seen:
-        if seen.wrong:
-            raise Unmet("requests as sections 4, 5 and 12 want them", f"{seen.wrong[0]}: {show(seen.message)}")
+        got = f"{', '.join(seen.wrong[:1])}: {show(seen.message)}"
+        require(not seen.wrong, "requests as sections 4, 5 and 12 want them", got)
     _judge_ids(server.seen)
     _judge_counts(scenario, server.session, server.seen)
 

@@ -22,18 +22,9 @@ class Side:
 
 @dataclass(frozen=True)
 class Part:
-    """One partition of a mesh.
+    """One partition of a mesh: points (n, d), triangles (m, 3), or (m, 0) if the client keeps them (section 23).
 
-    Attributes
-    ----------
-    points : (n, d) array
-    triangles : (m, 3) int array
-    sides : dict
-        Patch → role and nodes.
-    global_ids : tuple of int
-        Empty with one partition.
-
-    The triangles are (m, 0) if the client keeps them (section 23).
+    ``global_ids`` are empty with one partition.
     """
 
     points: NDArray[np.float64]

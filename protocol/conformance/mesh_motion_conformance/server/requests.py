@@ -18,16 +18,7 @@ Header = dict[str, Any]
 
 @dataclass(frozen=True)
 class Request:
-    """A request without its id.
-
-    Attributes
-    ----------
-    kind : str
-        ``type`` in the header.
-    fields : dict
-    arrays : dict
-        Name → array.
-    """
+    """A request without its id; ``kind`` is ``type`` in the header."""
 
     kind: str
     fields: dict[str, Any] = field(default_factory=dict)

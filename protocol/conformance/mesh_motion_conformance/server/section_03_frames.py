@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from mesh_motion_conformance.case import Rows, Suite
+from mesh_motion_conformance.case import Rows
 from mesh_motion_conformance.checks import refused
 from mesh_motion_conformance.server.requests import Request
-from mesh_motion_conformance.server.stage import Stage
+from mesh_motion_conformance.server.stage import Stage, suite
 from mesh_motion_conformance.tables import tables
-
-__all__ = ["suite"]
-
-suite = Suite()
 
 
 def _control_and_frames() -> Rows:

@@ -4,17 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from mesh_motion_conformance.case import Skip, Suite, Unmet, require
+from mesh_motion_conformance.case import Skip, require
 from mesh_motion_conformance.checks import answered, refused
 from mesh_motion_conformance.server.requests import Request
-from mesh_motion_conformance.server.stage import Stage
+from mesh_motion_conformance.server.stage import Stage, suite
 from mesh_motion_conformance.show import show
 from mesh_motion_conformance.tables import tables
 from mesh_motion_conformance.wire import HEADER_BYTES, pack
-
-__all__ = ["suite"]
-
-suite = Suite()
 
 
 @suite("6", lambda: {f"{name}-in-WELCOME": (name,) for name in tables().limits})
@@ -22,10 +18,9 @@ def announced(stage: Stage, name: str) -> None:
     """WELCOME carries all limits, those of the protocol with its values."""
     limits, row = stage.limits(), tables().limits[name]
     require(name in limits, f"{name} in WELCOME's limits", ", ".join(sorted(limits)))
-    if row["protocol"] and limits[name] != row["value"]:
-        raise Unmet(f"{name} = {row['value']}, set by the protocol", str(limits[name]))
-    if limits[name] <= 0:
-        raise Unmet(f"{name} above 0", str(limits[name]))
+    fits = not row["protocol"] or limits[name] == row["value"]
+    require(fits, f"{name} = {row['value']}, set by the protocol", str(limits[name]))
+    require(limits[name] > 0, f"{name} above 0", str(limits[name]))
 
 
 @suite("6")

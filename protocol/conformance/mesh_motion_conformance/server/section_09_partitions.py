@@ -2,24 +2,23 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
-from mesh_motion_conformance.case import Case, Skip, Suite, Unmet, require
+from mesh_motion_conformance.case import Skip, Unmet, require
 from mesh_motion_conformance.checks import answered, refused
 from mesh_motion_conformance.line import Silence
 from mesh_motion_conformance.server.mesh import HALVES, SQUARE, Part
 from mesh_motion_conformance.server.requests import Request
 from mesh_motion_conformance.server.session import Session
-from mesh_motion_conformance.server.stage import Stage
+from mesh_motion_conformance.server.stage import Stage, suite
 from mesh_motion_conformance.show import show
+from mesh_motion_conformance.tables import tables
 from mesh_motion_conformance.wire import Message
-
-__all__ = ["suite"]
-
-suite = Suite()
 
 _PARTITION = "INVALID_ARGUMENT.PARTITION"
 
@@ -46,27 +45,11 @@ def _all(replies: list[Message], kind: str) -> list[Message]:
     return [answered(reply, kind) for reply in replies]
 
 
-def _ask(session: Session, request: Request, partition: int) -> int:
-    """Send without waiting; the request's number."""
-    line = session.lines[partition]
-    number = line.next()
-    session.stage.put(line, request.frames(line.client, number))
-    return number
-
-
-def _receive(session: Session, partition: int, number: int) -> Message:
-    reply = session.lines[partition].receive(session.stage.opening_seconds)
-    require(reply.sequence == number, f"the reply to request {number}", show(reply))
-    return reply
-
-
 def _silent(session: Session, partition: int) -> None:
     """Check that no reply comes: the request waits for the other partition."""
-    try:
+    with contextlib.suppress(Silence):
         reply = session.lines[partition].receive(0.1)
-    except Silence:
-        return
-    raise Unmet("no reply before the other partition's request", show(reply))
+        raise Unmet("no reply before the other partition's request", show(reply))
 
 
 @suite("9.1")
@@ -74,15 +57,13 @@ def each_gets_its_own_nodes(stage: Stage) -> None:
     """BUILT's moving_nodes, JOINED's nodes and FETCHED's points are those of the partition, in its order."""
     session = _pair(stage)
     for partition, part in enumerate(HALVES):
-        joined = session.do("JOIN", partition)
-        if joined.fields["nodes"] != len(part.points) or joined.fields["partitions"] != 2:
-            raise Unmet(f"{len(part.points)} nodes of 2 partitions", show(joined))
-        if joined.arrays["moving_nodes"].tolist() != part.moving.tolist():
-            raise Unmet(f"moving_nodes {part.moving.tolist()}", str(joined.arrays["moving_nodes"].tolist()))
+        joined = session.do("JOIN", partition, nodes=len(part.points), partitions=2)
+        moving = joined.arrays["moving_nodes"].tolist()
+        require(moving == part.moving.tolist(), f"moving_nodes {part.moving.tolist()}", str(moving))
         reference = session.request("FETCH", partition).having(what="reference")
-        points = answered(session.ask(reference, partition), "FETCHED").arrays["points"]
-        if points.tobytes() != part.points.tobytes():
-            raise Unmet("the partition's coordinates as uploaded", f"{points[:2].tolist()} …")
+        points = session.do(reference, partition).arrays["points"]
+        same = points.tobytes() == part.points.tobytes()
+        require(same, "the partition's coordinates as uploaded", f"{points[:2].tolist()} …")
 
 
 _BEYOND = {
@@ -110,17 +91,13 @@ def other_partitions_connection(stage: Stage) -> None:
 def collective(stage: Stage, kind: str) -> None:
     """{0} waits for every partition and answers each."""
     session = _pair(stage, "TRIAL" if kind == "COMMIT" else "READY")
-    number = _ask(session, session.request(kind, 1), 1)
+    number = session.send(session.request(kind, 1), 1)
     _silent(session, 1)
-    waiting = session.status()["waiting_for"]
-    require(waiting == [0], "waiting_for [0]", str(waiting))
-    other = _ask(session, session.request(kind, 0), 0)
-    replies = [_receive(session, 1, number), _receive(session, 0, other)]
-    kinds = {reply.kind for reply in replies}
-    if len(kinds) != 1 or "ERROR" in kinds:
-        raise Unmet(f"the reply to {kind} for each", ", ".join(show(reply) for reply in replies))
-    if session.status()["waiting_for"]:
-        raise Unmet("waiting_for [] afterwards", str(session.status()["waiting_for"]))
+    session.do("STATUS", waiting_for=[0])
+    other = session.send(session.request(kind, 0))
+    for reply in (session.receive(number, 1), session.receive(other)):
+        answered(reply, tables().requests[kind]["reply"])
+    session.do("STATUS", waiting_for=[])
 
 
 def _tangent(session: Session, vectors: int) -> Request:
@@ -140,9 +117,14 @@ _AT_ODDS: dict[str, tuple[Callable[[Session], Request], Callable[[Session], Requ
 def disagreement(stage: Stage, *make: Callable[[Session], Request]) -> None:
     """Partitions that ask for different things are all refused."""
     session = _pair(stage, "TRIAL")
-    numbers = [_ask(session, each(session), partition) for partition, each in enumerate(make)]
-    for partition, number in enumerate(numbers):
-        refused(_receive(session, partition, number), _PARTITION, state="TRIAL")
+    for reply in session.together(*(each(session) for each in make)):
+        refused(reply, _PARTITION, state="TRIAL")
+
+
+def _moves(session: Session, sizes: tuple[float, float]) -> list[Message]:
+    """Replies to a MOVE of both partitions, each by its own displacement."""
+    rows = [session.rows(partition, size) for partition, size in enumerate(sizes)]
+    return session.together(*(session.request("MOVE", p).carrying(displacement=rows[p]) for p in (0, 1)))
 
 
 @suite("9.3")
@@ -150,8 +132,8 @@ def own_rows(stage: Stage) -> None:
     """Each partition sends values of its moving nodes and gets values of all its nodes; shared nodes agree bitwise."""
     session = _pair(stage)
     low, high = (reply.arrays["displacement"] for reply in _all(session.together("MOVE"), "MOVED"))
-    if low.shape != (12, 2) or high.shape != (8, 2):
-        raise Unmet("displacements of shape (12, 2) and (8, 2)", f"{low.shape} and {high.shape}")
+    shapes = low.shape, high.shape
+    require(shapes == ((12, 2), (8, 2)), "displacements of shape (12, 2) and (8, 2)", str(shapes))
     shared = {number: index for index, number in enumerate(HALVES[1].global_ids)}
     for index, number in enumerate(HALVES[0].global_ids):
         if number in shared and low[index].tobytes() != high[shared[number]].tobytes():
@@ -161,15 +143,8 @@ def own_rows(stage: Stage) -> None:
 @suite("9.3")
 def shared_node_moved_to_two_places(stage: Stage) -> None:
     """A node that several partitions give is given the same displacement by each."""
-    session = _pair(stage, "TRIAL")
-    numbers = [
-        _ask(
-            session, session.request("MOVE", partition).carrying(displacement=session.rows(partition, size)), partition
-        )
-        for partition, size in enumerate((0.01, 0.02))
-    ]
-    for partition, number in enumerate(numbers):
-        refused(_receive(session, partition, number), "INVALID_ARGUMENT", state="TRIAL")
+    for reply in _moves(_pair(stage, "TRIAL"), (0.01, 0.02)):
+        refused(reply, "INVALID_ARGUMENT", state="TRIAL")
 
 
 @suite("9.3")
@@ -178,11 +153,8 @@ def shared_node_moved_by_two_roundings(stage: Stage) -> None:
     session = _pair(stage, "READY")
     extent = np.ptp(np.concatenate([part.points for part in HALVES]), axis=0).max()
     rows = [session.rows(partition, 0.01) + partition * 5e-8 * extent for partition in (0, 1)]
-    numbers = [
-        _ask(session, session.request("MOVE", partition).carrying(displacement=rows[partition]), partition)
-        for partition in (0, 1)
-    ]
-    replies = _all([_receive(session, partition, number) for partition, number in enumerate(numbers)], "MOVED")
+    asked = (session.request("MOVE", partition).carrying(displacement=rows[partition]) for partition in (0, 1))
+    replies = _all(session.together(*asked), "MOVED")
     moved = [
         dict(zip(part.global_ids, reply.arrays["displacement"].tolist(), strict=True))
         for part, reply in zip(HALVES, replies, strict=True)
@@ -197,25 +169,20 @@ def shared_node_moved_by_two_roundings(stage: Stage) -> None:
 def wrong_in_itself(stage: Stage) -> None:
     """Only the partition with a wrong request gets an answer; the others wait for the corrected request."""
     session = _pair(stage)
-    number = _ask(session, session.request("MOVE", 0), 0)
+    number = session.send(session.request("MOVE"))
     rows = session.rows(1)
     rows[0, 0] = np.inf
     refused(session.ask(session.request("MOVE", 1).carrying(displacement=rows), 1), "INVALID_ARGUMENT.NONFINITE")
     _silent(session, 0)
-    other = _ask(session, session.request("MOVE", 1), 1)
-    for partition, sent in ((0, number), (1, other)):
-        answered(_receive(session, partition, sent), "MOVED")
+    session.do("MOVE", 1)
+    answered(session.receive(number), "MOVED")
 
 
 @suite("9.4")
 def failing_once_all_have_come(stage: Stage) -> None:
     """If the request fails once all have come, all are answered by the error."""
-    session = _pair(stage, "TRIAL")
-    numbers = [
-        _ask(session, session.request("MOVE", p).carrying(displacement=session.rows(p, 50.0)), p) for p in (0, 1)
-    ]
-    for partition, number in enumerate(numbers):
-        refused(_receive(session, partition, number), "FAILED_PRECONDITION.QUALITY", state="TRIAL")
+    for reply in _moves(_pair(stage, "TRIAL"), (50.0, 50.0)):
+        refused(reply, "FAILED_PRECONDITION.QUALITY", state="TRIAL")
 
 
 @suite("9.4")
@@ -225,23 +192,22 @@ def missing_partition(stage: Stage) -> None:
     if seconds > stage.patience:
         raise Skip(f"it takes {seconds:g} s; start the server with a shorter time, or use --patience")
     session = _pair(stage)
-    number = _ask(session, session.request("MOVE", 0), 0)
+    number = session.send(session.request("MOVE"))
     time.sleep(seconds)
-    reply = refused(_receive(session, 0, number), "DEADLINE_EXCEEDED", state="READY")
-    if 1 not in [p for value in reply.fields["details"].values() if isinstance(value, list) for p in value]:
-        raise Unmet("details that name partition 1", show(reply))
+    reply = refused(session.receive(number), "DEADLINE_EXCEEDED", state="READY")
+    named = [p for value in reply.fields["details"].values() if isinstance(value, list) for p in value]
+    require(1 in named, "details that name partition 1", show(reply))
 
 
 @suite("9.4")
 def given_up_for_another(stage: Stage) -> None:
     """If a partition makes another collective request while one of its own waits, the waiting one ends."""
     session = _pair(stage)
-    first = _ask(session, session.request("MOVE", 0), 0)
-    second = _ask(session, session.request("MOVE", 0).carrying(displacement=session.rows(0, 0.02)), 0)
-    refused(_receive(session, 0, first), "ABORTED.STALE", state="READY")
-    other = _ask(session, session.request("MOVE", 1).carrying(displacement=session.rows(1, 0.02)), 1)
-    answered(_receive(session, 0, second), "MOVED")
-    answered(_receive(session, 1, other), "MOVED")
+    first = session.send(session.request("MOVE"))
+    second = session.send(session.request("MOVE").carrying(displacement=session.rows(0, 0.02)))
+    refused(session.receive(first), "ABORTED.STALE", state="READY")
+    session.do(session.request("MOVE", 1).carrying(displacement=session.rows(1, 0.02)), 1)
+    answered(session.receive(second), "MOVED")
 
 
 @suite("2.5")
@@ -255,9 +221,9 @@ def repeated_request_is_answered_where_it_was_repeated_last(stage: Stage) -> Non
     session.do("JOIN", 0)
     stage.put(session.lines[0], request.frames(first.client, number))
     session.do("STATUS", 0)  # what comes over another connection may overtake the repeat until it has arrived
-    other = _ask(session, session.request("MOVE", 1), 1)
-    answered(_receive(session, 1, other), "MOVED")
-    answered(_receive(session, 0, number), "MOVED")
+    session.do("MOVE", 1)
+    reply = answered(session.lines[0].receive(stage.opening_seconds), "MOVED")
+    require(reply.sequence == number, f"the reply to request {number}", show(reply))
     if first.pending():
         raise Unmet("no reply on the first connection", show(first.receive()))
     first.close()
@@ -267,12 +233,11 @@ def repeated_request_is_answered_where_it_was_repeated_last(stage: Stage) -> Non
 def waiting_request_with_another_content(stage: Stage) -> None:
     """A request with the id of a waiting request but another content is answered ABORTED.CONFLICT."""
     session = _pair(stage)
-    number = _ask(session, session.request("MOVE", 0), 0)
-    conflict = session.request("MOVE", 0).carrying(displacement=session.rows(0, 0.02))
-    refused(session.ask(conflict, 0, sequence=number), "ABORTED.CONFLICT")
-    other = _ask(session, session.request("MOVE", 1), 1)
-    answered(_receive(session, 1, other), "MOVED")
-    answered(_receive(session, 0, number), "MOVED")
+    number = session.send(session.request("MOVE"))
+    conflict = session.request("MOVE").carrying(displacement=session.rows(0, 0.02))
+    refused(session.ask(conflict, sequence=number), "ABORTED.CONFLICT")
+    session.do("MOVE", 1)
+    answered(session.receive(number), "MOVED")
 
 
 @suite("9.5")
@@ -284,10 +249,9 @@ def division_does_not_show(stage: Stage) -> None:
         _all(pair.together("MOVE"), "MOVED")
         digests = {reply.fields["digest"] for reply in _all(pair.together("COMMIT"), "COMMITTED")}
         pair.step += 1
-        whole.do("MOVE")
-        digests.add(whole.do("COMMIT").fields["digest"])
-        if len(digests) != 1:
-            raise Unmet("one digest of both partitions and of the undivided mesh", str([d.hex()[:12] for d in digests]))
+        digests.add(whole.step_on().fields["digest"])
+        found = str([digest.hex()[:12] for digest in digests])
+        require(len(digests) == 1, "one digest of both partitions and of the undivided mesh", found)
 
 
 @suite("11.5")
@@ -296,36 +260,26 @@ def one_resumes_all_join(stage: Stage) -> None:
     session = _pair(stage, "TRIAL")
     before = session.epoch
     session.resume()
-    probed = answered(stage.ask(session.request("PROBE")), "PROBED")
-    if (probed.fields["worker"], probed.fields["epoch"]) != ("alive", before + 1):
-        raise Unmet(f"an alive worker of epoch {before + 1}", show(probed))
+    answered(stage.ask(session.request("PROBE")), "PROBED", worker="alive", epoch=before + 1)
     for joined in session.join():
-        require(joined.fields["state"] == "READY", "state READY", show(joined))
+        answered(joined, "JOINED", state="READY")
     _all(session.together("MOVE"), "MOVED")
 
 
-@suite.family
-def meshes_that_do_not_fit() -> Iterator[Case]:
-    """9.1, 13"""
+def _unfit(stage: Stage, second: Part) -> None:
+    session = stage.open(HALVES[0], second)
+    session.upload()
+    for reply in session.together("BUILD"):
+        refused(reply, "INVALID_ARGUMENT", state="OPENING")
 
-    def run(second: Part, *codes: str) -> Callable[[Stage], None]:
-        def unfit(stage: Stage) -> None:
-            session = stage.open(HALVES[0], second)
-            session.upload()
-            for reply in session.together("BUILD"):
-                refused(reply, *codes, state="OPENING")
 
-        return unfit
+@suite("9.1")
+def shared_node_at_two_places(stage: Stage) -> None:
+    """A node that several partitions hold has the same coordinates in each"""
+    _unfit(stage, replace(HALVES[1], points=HALVES[1].points + 0.05 * (np.arange(8) == 7)[:, None]))
 
-    high = HALVES[1]
-    moved = Part(high.points + 0.05 * (np.arange(8) == 7)[:, None], high.triangles, high.sides, high.global_ids)
-    yield Case(
-        "9.1",
-        "shared-node-at-two-places",
-        "A node that several partitions hold has the same coordinates in each",
-        run(moved, "INVALID_ARGUMENT"),
-    )
-    bare = Part(high.points, high.triangles, high.sides)
-    yield Case(
-        "13.2", "no-global-ids", "global_ids are required with more than one partition", run(bare, "INVALID_ARGUMENT")
-    )
+
+@suite("13.2")
+def no_global_ids(stage: Stage) -> None:
+    """global_ids are required with more than one partition"""
+    _unfit(stage, replace(HALVES[1], global_ids=()))

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import re
+from collections.abc import Iterator
 from typing import Any
 
-from mesh_motion_conformance.case import Case, Rows, Suite, Unmet, require
+from mesh_motion_conformance.case import Rows, require
 from mesh_motion_conformance.checks import answered, refused
 from mesh_motion_conformance.server.requests import Request
-from mesh_motion_conformance.server.stage import Stage
+from mesh_motion_conformance.server.stage import Stage, suite
 from mesh_motion_conformance.show import show
 from mesh_motion_conformance.tables import Field, tables
-
-__all__ = ["suite"]
-
-suite = Suite()
 
 _HEADER, _VALUE = "INVALID_ARGUMENT.HEADER", "INVALID_ARGUMENT.VALUE"
 #: A value of each msgpack type, by its name.
@@ -37,58 +34,47 @@ def _request(stage: Stage, kind: str) -> tuple[Request, Any]:
     return session.request(kind), session.lines[0]
 
 
-def _wrong(kind: str, name: str, demand: str, change: Callable[[Request], Request], *codes: str) -> Case:
-    """A request with one thing wrong."""
-
-    def run(stage: Stage) -> None:
-        request, line = _request(stage, kind)
-        refused(stage.ask(change(request), line), *codes)
-
-    return Case("12", f"{kind}-{name}", demand, run)
+#: Name, demand, and the arguments of :func:`_wrong`.
+Wrong = Iterator[tuple[Any, ...]]
 
 
-def _with(field: str, value: Any) -> Callable[[Request], Request]:
-    return lambda request: request.having(**{field: value})
+def _wrong(stage: Stage, kind: str, field: str, value: Any, code: str = _HEADER) -> None:
+    """A request with this value in a field is refused."""
+    request, line = _request(stage, kind)
+    refused(stage.ask(request.having(**{field: value}), line), code)
 
 
-@suite.family
-def types() -> Iterator[Case]:
+@suite.family(_wrong, "12")
+def types() -> Wrong:
     """A field takes values of its type and of no other."""
     for kind in tables().requests:
         for field in tables().fields(kind):
             for name, value in _TYPES.items():
                 if name != field.kind and not (field.kind == "float" and name == "int"):
                     demand = f"{kind}.{field.name} is {field.kind}"
-                    yield _wrong(kind, f"{field.name}-is-{name}", demand, _with(field.name, value), _HEADER)
+                    yield f"{kind}-{field.name}-is-{name}", demand, kind, field.name, value
 
 
-@suite.family
-def items() -> Iterator[Case]:
+@suite.family(_wrong, "12")
+def items() -> Wrong:
     """Arrays hold items of their type."""
     wrong = {
-        ("HELLO", "versions"): {
-            "int": [1, 0],
-            "str": ["1.0"],
-            "map": [{}],
-            "array-of-str": [["1", "0"]],
-            "nil": [None],
-        },
-        ("HELLO", "features"): {"int": [1], "bin": [b"x"], "nil": [None], "array": [[]], "map": [{}]},
+        "versions": {"int": [1, 0], "str": ["1.0"], "map": [{}], "array-of-str": [["1", "0"]], "nil": [None]},
+        "features": {"int": [1], "bin": [b"x"], "nil": [None], "array": [[]], "map": [{}]},
     }
-    for (kind, field), values in wrong.items():
+    for field, values in wrong.items():
         for name, value in values.items():
-            demand = f"the items of {kind}.{field}"
-            yield _wrong(kind, f"{field}-with-{name}", demand, _with(field, value), _HEADER)
+            yield f"HELLO-{field}-with-{name}", f"the items of HELLO.{field}", "HELLO", field, value
 
 
-@suite.family
-def values() -> Iterator[Case]:
+@suite.family(_wrong, "12")
+def values() -> Wrong:
     """Choices, ranges and lengths."""
     for kind in tables().requests:
         for field in tables().fields(kind):
             for name, value, code in _outside(field):
                 demand = f"{kind}.{field.name} is {_bounds(field)}"
-                yield _wrong(kind, f"{field.name}-{name}", demand, _with(field.name, value), code)
+                yield f"{kind}-{field.name}-{name}", demand, kind, field.name, value, code
 
 
 def _outside(field: Field) -> Iterator[tuple[str, Any, str]]:
@@ -121,26 +107,27 @@ def _bounds(field: Field) -> str:
     return f"{says['exactly']} bytes" if "exactly" in says else f"at most {says['at_most']} bytes"
 
 
-@suite.family
-def missing() -> Iterator[Case]:
-    """A field without default is present."""
-    for kind in tables().requests:
-        for field in tables().fields(kind):
-            if field.required:
-                demand = f"{kind}.{field.name} has no default"
-                yield _wrong(kind, f"without-{field.name}", demand, lambda r, n=field.name: r.without(n), _HEADER)  # type: ignore[misc]
+def _required() -> Rows:
+    fields = ((kind, field.name) for kind in tables().requests for field in tables().fields(kind) if field.required)
+    return {f"{kind}-without-{name}": (kind, name) for kind, name in fields}
 
 
-@suite.family
-def unknown() -> Iterator[Case]:
+@suite("12", _required)
+def missing(stage: Stage, kind: str, name: str) -> None:
+    """{0}.{1} has no default"""
+    request, line = _request(stage, kind)
+    refused(stage.ask(request.without(name), line), _HEADER)
+
+
+_UNKNOWN = {"unknown-field": "from_a_later_version", "empty-field": "", "field-of-the-header": "v"}
+
+
+@suite.family(_wrong, "12")
+def unknown() -> Wrong:
     """A request has only the fields of section 12."""
     for kind in tables().requests:
-        for name, field in (
-            ("unknown-field", "from_a_later_version"),
-            ("empty-field", ""),
-            ("field-of-the-header", "v"),
-        ):
-            yield _wrong(kind, name, "A request has no other fields", _with(field, 1), _HEADER)
+        for name, field in _UNKNOWN.items():
+            yield f"{kind}-{name}", "A request has no other fields", kind, field, 1
 
 
 def _defaults() -> Rows:
@@ -181,9 +168,8 @@ def replies(stage: Stage, kind: str, reply: str) -> None:
 @suite("12")
 def OPENED(stage: Stage) -> None:
     """OPENED has a session id of 32 hex digits, a token, the data endpoint and epoch 1."""
-    session, fields = stage.session("READY").id, stage.session("READY").opened.fields
-    if len(session) != 32 or not set(session) <= set("0123456789abcdef") or fields["epoch"] != 1:
-        raise Unmet("32 hex digits and epoch 1", str({name: fields[name] for name in ("session", "epoch")}))
+    opened = answered(stage.session("READY").opened, "OPENED", epoch=1)
+    require(re.fullmatch("[0-9a-f]{32}", opened.fields["session"]), "32 hex digits", show(opened))
 
 
 @suite("12")
@@ -191,29 +177,32 @@ def JOINED_before_BUILT(stage: Stage) -> None:
     """JOINED of a session that is not built has no moving_nodes and no nodes."""
     session = stage.session("OPENING")
     joined = session.do("JOIN")
-    if "moving_nodes" in joined.arrays or joined.fields.get("nodes", 0) != 0:
-        raise Unmet("no moving_nodes, nodes 0", show(joined))
-    if joined.fields.get("dimension", 2) not in (0, 2) or joined.fields.get("partitions", 1) not in (0, 1):
-        raise Unmet("dimension 2 and partitions 1, or 0", show(joined))
+    bare = "moving_nodes" not in joined.arrays and joined.fields.get("nodes", 0) == 0
+    require(bare, "no moving_nodes, nodes 0", show(joined))
+    counts = joined.fields.get("dimension", 2), joined.fields.get("partitions", 1)
+    require(counts[0] in (0, 2) and counts[1] in (0, 1), "dimension 2 and partitions 1, or 0", show(joined))
 
 
 @suite("12")
 def LISTED_in_the_order_of_ids(stage: Stage) -> None:
     """Sessions come in the order of their ids, only those after ``after``."""
     stage.session("READY"), stage.session("OPENING")
-    ids: list[str] = []
-    more = True
+    ids, more = _listed(stage, "")
     while more:
-        page = answered(stage.ask(Request("LIST", {"after": ids[-1] if ids else ""})), "LISTED").fields
-        ids += [entry["session"] for entry in page["sessions"]]
-        more = page.get("more", False)
-    if ids != sorted(set(ids)) or stage.session("READY").id not in ids:
-        raise Unmet("each session once, in the order of ids", str(ids))
-    behind = answered(stage.ask(Request("LIST", {"after": ids[0]})), "LISTED").fields["sessions"]
-    if ids[0] in [entry["session"] for entry in behind] or len(behind) != min(len(ids) - 1, len(behind)):
-        raise Unmet(f"the sessions behind {ids[0]}", str(behind))
-    last = answered(stage.ask(Request("LIST", {"after": "g"})), "LISTED").fields["sessions"]
+        page, more = _listed(stage, ids[-1])
+        ids += page
+    own = stage.session("READY").id
+    require(ids == sorted(set(ids)) and own in ids, "each session once, in the order of ids", str(ids))
+    behind, _ = _listed(stage, ids[0])
+    require(ids[0] not in behind and len(behind) < len(ids), f"the sessions behind {ids[0]}", str(behind))
+    last, _ = _listed(stage, "g")
     require(not last, "no sessions behind the last id", str(last))
+
+
+def _listed(stage: Stage, after: str) -> tuple[list[str], bool]:
+    """Ids of the sessions on LIST's page behind this one; whether there are more."""
+    page = answered(stage.ask(Request("LIST", {"after": after})), "LISTED").fields
+    return [entry["session"] for entry in page["sessions"]], page.get("more", False)
 
 
 @suite("2.3")

@@ -6,23 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from mesh_motion_conformance.case import Suite, Unmet, require
+from mesh_motion_conformance.case import require
 from mesh_motion_conformance.checks import answered, refused
 from mesh_motion_conformance.server.mesh import SQUARE, Part, Side
-from mesh_motion_conformance.server.requests import Request
-from mesh_motion_conformance.server.session import Session
-from mesh_motion_conformance.server.stage import Stage
+from mesh_motion_conformance.server.stage import Stage, suite
 from mesh_motion_conformance.show import show
-from mesh_motion_conformance.wire import Message
-
-__all__ = ["suite"]
-
-suite = Suite()
-
-
-def _upload(session: Session, rows: Any, **fields: str) -> Message:
-    return session.ask(Request("UPLOAD", session.address() | fields, {"rows": np.asarray(rows)}))
-
 
 _SHAPE, _DTYPE, _VALUE = (f"INVALID_ARGUMENT.{name}" for name in ("SHAPE", "DTYPE", "VALUE"))
 _ROWS, _THREE, _ONE = np.zeros((2, 2)), np.zeros((2, 3), "<i8"), np.zeros((2, 1), "<i8")
@@ -61,7 +49,8 @@ _BROKEN: dict[str, tuple[str, Any, dict[str, str]]] = {
 @suite("13.2", _BROKEN)
 def parts(stage: Stage, code: str, rows: Any, fields: dict[str, str]) -> None:
     """rows, name and role are those of the item's row."""
-    refused(_upload(stage.session("OPENING"), rows, **fields), code, state="OPENING")
+    session = stage.session("OPENING")
+    refused(session.ask(session.uploading(rows, **fields)), code, state="OPENING")
 
 
 @suite("13.2")
@@ -69,13 +58,9 @@ def parts_are_appended(stage: Stage) -> None:
     """Parts of the same item and name are appended; rows_total counts them."""
     session = stage.session("OPENING", "appended")
     fields = {"item": "patch", "name": "counted", "role": "fixed"}
-    totals = [
-        answered(_upload(session, np.full((rows, 1), 3, "<i8"), **fields), "UPLOADED").fields["rows_total"]
-        for rows in (2, 0, 3)
-    ]
-    others = answered(_upload(session, np.full((1, 1), 3, "<i8"), **(fields | {"name": "other"})), "UPLOADED")
-    if totals != [2, 2, 5] or others.fields["rows_total"] != 1:
-        raise Unmet("rows_total 2, 2, 5, and 1 of another patch", f"{totals}, {show(others)}")
+    for rows, total in ((2, 2), (0, 2), (3, 5)):
+        session.do(session.uploading(np.full((rows, 1), 3, "<i8"), **fields), rows_total=total)
+    session.do(session.uploading(np.full((1, 1), 3, "<i8"), **fields | {"name": "other"}), rows_total=1)
     session.do("BUILD")
 
 
@@ -83,15 +68,11 @@ def parts_are_appended(stage: Stage) -> None:
 def what_a_mesh_needs(stage: Stage) -> None:
     """A mesh needs nodes, cells and a moving patch; a BUILD that is refused has no effect, and more may be uploaded."""
     session = stage.open()
-    mesh = "INVALID_ARGUMENT"
-    moving = np.array([[0], [4], [8], [12]], dtype="<i8")
-    answered(_upload(session, SQUARE.triangles, item="cells", name="triangle"), "UPLOADED")
-    refused(session.ask("BUILD"), mesh, state="OPENING")
-    answered(_upload(session, SQUARE.points, item="nodes"), "UPLOADED")
-    refused(session.ask("BUILD"), mesh, state="OPENING")
-    answered(_upload(session, moving + 3, item="patch", name="right", role="fixed"), "UPLOADED")
-    refused(session.ask("BUILD"), mesh, state="OPENING")
-    answered(_upload(session, moving, item="patch", name="left", role="moving"), "UPLOADED")
+    nodes, cells, left, right = SQUARE.uploads()
+    for fields, rows in (cells, nodes, right):
+        session.do(session.uploading(rows, **fields))
+        refused(session.ask("BUILD"), "INVALID_ARGUMENT", state="OPENING")
+    session.do(session.uploading(left[1], **left[0]))
     session.do("BUILD")
 
 
@@ -126,38 +107,29 @@ def patch_of_a_negative_node(stage: Stage) -> None:
     _bad(stage, Part(SQUARE.points, SQUARE.triangles, sides), "INVALID_ARGUMENT")
 
 
-def _usable(stage: Stage, part: Part) -> None:
-    session = stage.open(part)
-    session.upload()
-    session.do("BUILD")
-
-
 @suite("13.3")
 def mirrored_cell(stage: Stage) -> None:
     """A cell that is listed the other way round is read as its mirror image."""
     triangles = SQUARE.triangles.copy()
     triangles[5] = triangles[5][[0, 2, 1]]
-    _usable(stage, Part(SQUARE.points, triangles, SQUARE.sides))
+    stage.open(Part(SQUARE.points, triangles, SQUARE.sides)).build()
 
 
 @suite("13.3")
 def nodes_at_one_place(stage: Stage) -> None:
     """Boundary nodes at the same place are interpolated as one node."""
     sides = SQUARE.sides | {"left": Side("moving", (0, 4, 8, 12, 16))}
-    _usable(stage, Part(np.vstack([SQUARE.points, SQUARE.points[0]]), SQUARE.triangles, sides))
+    stage.open(Part(np.vstack([SQUARE.points, SQUARE.points[0]]), SQUARE.triangles, sides)).build()
 
 
 @suite("13.5")
 def moving_nodes_ascend(stage: Stage) -> None:
     """moving_nodes are ascending for any order of the patches; a node on a moving patch moves."""
     sides = {"b": Side("fixed", (3, 7, 11, 15, 12)), "a": Side("moving", (12, 8)), "c": Side("moving", (0, 4, 8))}
-    part = Part(SQUARE.points, SQUARE.triangles, sides)
-    session = stage.open(part)
-    session.upload()
-    found = session.do("BUILD").arrays["moving_nodes"].tolist()
-    joined = session.join()[0].arrays["moving_nodes"].tolist()
-    if (found, joined) != ([0, 4, 8, 12], [0, 4, 8, 12]):
-        raise Unmet("moving_nodes [0, 4, 8, 12] in BUILT and in JOINED", f"{found}, {joined}")
+    session = stage.open(Part(SQUARE.points, SQUARE.triangles, sides))
+    for reply in (session.build(), *session.join()):
+        moving = reply.arrays["moving_nodes"].tolist()
+        require(moving == [0, 4, 8, 12], "moving_nodes [0, 4, 8, 12] in BUILT and in JOINED", show(reply))
 
 
 @suite("13.5")
@@ -165,16 +137,13 @@ def JOINED_names_the_moving_patches(stage: Stage) -> None:
     """JOINED names each moving patch, with its nodes in the order of UPLOAD, after RESUME too."""
     sides = {"b": Side("fixed", (3, 7, 11, 15)), "c": Side("moving", (12, 8)), "a": Side("moving", (0, 8, 4))}
     session = stage.open(Part(SQUARE.points, SQUARE.triangles, sides))
-    session.upload()
-    session.do("BUILD")
-    session.resume()
-    joined = session.join()[0]
+    session.build()
+    extent = np.ptp(SQUARE.points, axis=0).max()  # the longest side of the mesh's bounding box
+    joined = answered(session.take_up()[0], "JOINED", extent=extent)
     counts = joined.fields.get("moving_patches", [])
     nodes = joined.arrays.get("patch_nodes", np.empty(0)).tolist()
     found = {}
     for name, count in counts:
         found[name], nodes = nodes[:count], nodes[count:]
-    if found != {"c": [12, 8], "a": [0, 8, 4]} or nodes:
-        raise Unmet("patch c with the nodes 12, 8 and patch a with 0, 8, 4", show(joined))
-    if joined.fields.get("extent") != np.ptp(SQUARE.points, axis=0).max():
-        raise Unmet("the longest side of the mesh's bounding box", show(joined))
+    right = found == {"c": [12, 8], "a": [0, 8, 4]} and not nodes
+    require(right, "patch c with the nodes 12, 8 and patch a with 0, 8, 4", show(joined))

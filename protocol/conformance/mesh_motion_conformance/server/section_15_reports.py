@@ -5,21 +5,20 @@ from __future__ import annotations
 import hashlib
 import math
 import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from mesh_motion_conformance.case import Case, Suite, Unmet, require
+from mesh_motion_conformance.case import Unmet, require
 from mesh_motion_conformance.checks import answered, refused
 from mesh_motion_conformance.server.requests import Request
-from mesh_motion_conformance.server.stage import Stage
+from mesh_motion_conformance.server.stage import Stage, suite
 from mesh_motion_conformance.tables import tables
 from mesh_motion_conformance.wire import Array
 
-__all__ = ["digest", "suite"]
-
-suite = Suite()
+__all__ = ["digest"]
 
 _NUMBER = (int, float)
 _STATISTICS = dict.fromkeys(("min", "mean", "p1", "p5", "p50"), _NUMBER)
@@ -51,46 +50,10 @@ def _summary(value: Any, where: str) -> None:
         _check(cell, _WORST, f"{where}.worst")
     metrics = [cell["metric"] for cell in value["worst"]]
     require(metrics == sorted(metrics), f"{where}.worst: worst first", str(metrics))
-    if value["cells"] != 18 or value["inverted"] != 0:
-        raise Unmet(f"{where}: 18 cells, none inverted", f"{value['cells']}, {value['inverted']}")
-    if not all(value[name]["min"] <= value[name]["p50"] for name in ("size", "skew", "size_skew", "metric")):
-        raise Unmet(f"{where}: min ≤ p50", str({name: value[name] for name in ("size", "skew")}))
-
-
-@suite.family
-def reports() -> Iterator[Case]:
-    """15"""
-
-    def run(kind: str, look: Callable[[dict[str, Any]], None]) -> Callable[[Stage], None]:
-        def reported(stage: Stage) -> None:
-            if kind == "BUILD":
-                session = stage.session("READY")
-                if session.built is None:
-                    session = stage.session("READY", "reported")
-                look(session.built.fields if session.built else {})
-            else:
-                look(stage.session("TRIAL" if kind == "COMMIT" else "READY").do(kind).fields)
-
-        return reported
-
-    keys = "Fields of type map in replies have at least these keys"
-    yield Case("15", "COMMITTED-quality", keys, run("COMMIT", lambda f: _summary(f["quality"], "quality")))
-    yield Case("15", "BUILT-quality", keys, run("BUILD", lambda f: _summary(f["quality"], "quality")))
-    yield Case("15", "MOVED-quality", keys, run("MOVE", _moved_quality))
-    for name, wanted in _MOVED.items():
-        yield Case("15", f"MOVED-{name}", keys, run("MOVE", lambda f, n=name, w=wanted: _check(f[n], w, n)))  # type: ignore[misc]
-    yield Case("15", "MOVED-factorization", "factorization is reused or made", run("MOVE", _factorization))
-    yield Case("15", "MOVED-faces", "faces is empty where report is not faces", run("MOVE", _no_faces))
-    yield Case("15", "MOVED-faces-asked", keys, _faces)
-    empty = "headroom is empty where report is neither headroom nor faces"
-    yield Case("15", "MOVED-headroom", empty, run("MOVE", _no_headroom))
-    yield Case("15", "MOVED-headroom-asked", keys, _headroom)
-    yield Case("15", "BUILT-mesh", keys, run("BUILD", _built_mesh))
-
-
-def _factorization(fields: dict[str, Any]) -> None:
-    if fields["caches"]["factorization"] not in ("reused", "made"):
-        raise Unmet("caches.factorization: reused or made", str(fields["caches"]))
+    counts = value["cells"], value["inverted"]
+    require(counts == (18, 0), f"{where}: 18 cells, none inverted", str(counts))
+    for name in ("size", "skew", "size_skew", "metric"):
+        require(value[name]["min"] <= value[name]["p50"], f"{where}.{name}: min ≤ p50", str(value[name]))
 
 
 _FACES: dict[str, Any] = {
@@ -101,40 +64,33 @@ _FACES: dict[str, Any] = {
 _CELL: dict[str, Any] = {"partition": int, "type": str, "cell": int}
 
 
-def _no_faces(fields: dict[str, Any]) -> None:
-    if fields.get("faces"):
-        raise Unmet("faces: an empty map", str(fields["faces"])[:80])
-
-
-def _faces(stage: Stage) -> None:
-    """The mesh has 18 right-angled triangles; 21 edges are between two triangles."""
+@suite("15")
+def MOVED_faces_asked(stage: Stage) -> None:
+    """Fields of type map in replies have at least these keys"""  # 18 right-angled triangles; 21 edges between two
     session = stage.session("READY")
     request = session.request("MOVE").having(report="faces")
     found = session.do(request).fields["faces"]
     for name in ("before", "after"):
         given = found.get(name)
         _check(given, _FACES, f"faces.{name}")
-        if given["faces"] != 21 or not 0 < len(given["worst"]) <= 10:
-            raise Unmet(f"faces.{name}: 21 faces, at most 10 worst", f"{given['faces']}, {len(given['worst'])}")
+        counts = given["faces"], len(given["worst"])
+        require(counts[0] == 21 and 0 < counts[1] <= 10, f"faces.{name}: 21 faces, at most 10 worst", str(counts))
         for face in given["worst"]:
             _check(face, _CELL | {"neighbour": _CELL, "centre": list, "non_orthogonality": _NUMBER}, "faces.worst")
         angles = [face["non_orthogonality"] for face in given["worst"]]
-        if angles != sorted(angles, reverse=True) or angles[0] != given["max_non_orthogonality"]:
-            raise Unmet("faces.worst: the least orthogonal first", str(angles))
+        ordered = angles == sorted(angles, reverse=True) and angles[0] == given["max_non_orthogonality"]
+        require(ordered, "faces.worst: the least orthogonal first", str(angles))
     least = [found["before"][name] for name in ("shortest_edge", "smallest_face")]
     require(least == [1.0, 1.0], "faces.before: edges and faces as long and large as at rest", str(least))
     angle = found["before"]["max_non_orthogonality"]
-    if abs(angle - math.degrees(math.atan(0.5))) > 1e-6:  # d leads two thirds of a square across and one third up
-        raise Unmet("faces.before: the reference mesh's 26.565 degrees", str(angle))
+    wanted = math.degrees(math.atan(0.5))  # d leads two thirds of a square across and one third up
+    require(abs(angle - wanted) <= 1e-6, "faces.before: the reference mesh's 26.565 degrees", str(angle))
 
 
-def _no_headroom(fields: dict[str, Any]) -> None:
-    if fields.get("headroom"):
-        raise Unmet("headroom: an empty map", str(fields["headroom"])[:80])
-
-
-def _headroom(stage: Stage) -> None:
-    """First a step without motion, which nothing limits; then a step that can be repeated a few times."""
+@suite("15")
+def MOVED_headroom_asked(stage: Stage) -> None:
+    """Fields of type map in replies have at least these keys"""
+    # first a step without motion, which nothing limits; then a step that can be repeated a few times
     session = stage.session("READY")
     still = session.request("MOVE").having(report="headroom").carrying(displacement=np.zeros((4, 2)))
     found = session.do(still).fields["headroom"]
@@ -143,8 +99,8 @@ def _headroom(stage: Stage) -> None:
     ahead = session.do(whole).fields["headroom"]
     _check(ahead, {"inversion": _NUMBER, "threshold": _NUMBER, "cell": dict}, "headroom")
     _check(ahead["cell"], _CELL, "headroom.cell")
-    if not 0.0 <= ahead["threshold"] <= ahead["inversion"] <= 100.0:
-        raise Unmet("headroom: 0 ≤ threshold ≤ inversion ≤ 100", str(ahead))
+    ascending = 0.0 <= ahead["threshold"] <= ahead["inversion"] <= 100.0
+    require(ascending, "headroom: 0 ≤ threshold ≤ inversion ≤ 100", str(ahead))
     asked = session.request("MOVE").having(report="headroom")
     on = asked.having(velocity="tangent").carrying(boundary_velocity=session.rows())
     for wanted, request in (("step", asked), ("displacement", asked), ("velocity", on)):
@@ -174,12 +130,50 @@ def _built_mesh(fields: dict[str, Any]) -> None:
     wanted = {"nodes": 16, "cells": {"triangle": 18}, "moving_nodes": 4}
     require({name: mesh.get(name) for name in wanted} == wanted, str(wanted), str(mesh))
     sides = {name: (row["role"], row["nodes"]) for name, row in mesh["patches"].items()}
-    if sides != {"left": ("moving", 4), "right": ("fixed", 4)}:
-        raise Unmet("patches left: moving, 4 nodes; right: fixed, 4 nodes", str(mesh["patches"]))
-    low, high = mesh["box"]
-    if low != [0.0, 0.0] or max(abs(x - 0.3) for x in high) > 1e-15:
-        raise Unmet("box [[0, 0], [0.3, 0.3]]", str(mesh["box"]))
+    wanted = {"left": ("moving", 4), "right": ("fixed", 4)}
+    require(sides == wanted, "patches left: moving, 4 nodes; right: fixed, 4 nodes", str(mesh["patches"]))
+    box = np.abs(np.array(mesh["box"]) - [[0.0, 0.0], [0.3, 0.3]]).max() <= 1e-15
+    require(box, "box [[0, 0], [0.3, 0.3]]", str(mesh["box"]))
     _check(mesh, {"warnings": list}, "mesh")
+
+
+def _factorization(fields: dict[str, Any]) -> None:
+    caches = fields["caches"]
+    require(caches["factorization"] in ("reused", "made"), "caches.factorization: reused or made", str(caches))
+
+
+def _quality(fields: dict[str, Any]) -> None:
+    _summary(fields["quality"], "quality")
+
+
+def _is_empty(name: str, fields: dict[str, Any]) -> None:
+    require(not fields.get(name), f"{name}: an empty map", str(fields.get(name))[:80])
+
+
+_KEYS = "Fields of type map in replies have at least these keys"
+_REPORTS: dict[str, tuple[str, str, Callable[[dict[str, Any]], None]]] = {
+    "COMMITTED-quality": (_KEYS, "COMMIT", _quality),
+    "BUILT-quality": (_KEYS, "BUILD", _quality),
+    "MOVED-quality": (_KEYS, "MOVE", _moved_quality),
+    **{f"MOVED-{name}": (_KEYS, "MOVE", partial(_check, wanted={name: wanted}, where="MOVED"))
+       for name, wanted in _MOVED.items()},
+    "MOVED-factorization": ("factorization is reused or made", "MOVE", _factorization),
+    "MOVED-faces": ("faces is empty where report is not faces", "MOVE", partial(_is_empty, "faces")),
+    "MOVED-headroom": (
+        "headroom is empty where report is neither headroom nor faces", "MOVE", partial(_is_empty, "headroom"),
+    ),
+    "BUILT-mesh": (_KEYS, "BUILD", _built_mesh),
+}  # fmt: skip
+
+
+@suite("15", _REPORTS)
+def reports(stage: Stage, _: str, kind: str, look: Callable[[dict[str, Any]], None]) -> None:
+    """{0}"""
+    if kind == "BUILD":
+        session = stage.kept("reported", stage.open)
+        look((session.built or session.build()).fields)
+    else:
+        look(stage.session("TRIAL" if kind == "COMMIT" else "READY").do(kind).fields)
 
 
 @suite("15")
@@ -190,15 +184,12 @@ def LISTED_sessions(stage: Stage) -> None:
     wanted = {"session": str, "label": str, "state": str, "step": int, "partitions": int, "worker": str}
     for entry in entries:
         _check(entry, wanted, "sessions")
-    own = stage.until(
-        lambda: next(
-            e for e in answered(stage.ask(Request("LIST")), "LISTED").fields["sessions"] if e["session"] == session.id
-        ),
-        lambda entry: entry["state"] == "TRIAL",
-    )
-    shown = {name: own[name] for name in ("label", "state", "step", "partitions", "worker")}
     given = {"label": "conformance", "state": "TRIAL", "step": session.step, "partitions": 1, "worker": "alive"}
-    require(shown == given, str(given), str(shown))
+    given["session"] = session.id
+    listed = stage.until(
+        lambda: answered(stage.ask(Request("LIST")), "LISTED").fields["sessions"], lambda entries: given in entries
+    )
+    require(given in listed, str(given), str([entry for entry in listed if entry["session"] == session.id]))
 
 
 @suite("15")
@@ -241,8 +232,7 @@ def digests(stage: Stage, moves: list[float], drop: bool) -> None:
     committed = session.do("COMMIT").fields
     wanted = digest(session.step, session.do("FETCH").arrays["points"])
     require(committed["digest"] == wanted, f"digest {wanted.hex()}", committed["digest"].hex())
-    if committed["durable_step"] > committed["step"]:
-        raise Unmet("durable_step ≤ step", str(committed["durable_step"]))
+    require(committed["durable_step"] <= committed["step"], "durable_step ≤ step", str(committed["durable_step"]))
 
 
 @suite("16")
@@ -250,7 +240,6 @@ def same_state_same_digest_after_resume(stage: Stage) -> None:
     """After RESUME the committed coordinates match the digest."""
     session = stage.session("TRIAL")
     committed = session.do("COMMIT").fields["digest"]
-    session.resume()
-    session.join()
+    session.take_up()
     wanted = digest(session.step, session.do("FETCH").arrays["points"])
     require(committed == wanted, f"digest {wanted.hex()}", committed.hex())

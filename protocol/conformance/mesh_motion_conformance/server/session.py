@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mesh_motion_conformance.case import Unmet
+from mesh_motion_conformance.case import Unmet, require
 from mesh_motion_conformance.checks import answered
 from mesh_motion_conformance.line import Ended, Line, Silence
 from mesh_motion_conformance.server.mesh import SQUARE, Part
@@ -87,12 +87,8 @@ class Session:
             fields = at | {"step": self.step + 1, "frame": frame}
             return Request(kind, fields, {"displacement": self.rows(partition)})
         if kind in ("TANGENT", "COTANGENT"):
-            part = self.parts[partition]
-            return Request(
-                kind,
-                at,
-                {"velocity": self.rows(partition)} if kind == "TANGENT" else {"weights": part.points.astype("<f8")},
-            )
+            part, rows = self.parts[partition], self.rows(partition)
+            return Request(kind, at, {"velocity": rows} if kind == "TANGENT" else {"weights": part.points})
         if kind in ("JUDGE", "CORRECT"):
             return self.judge() if kind == "JUDGE" else self.correct()
         own: dict[str, Any] = {"JOIN": {"token": self.token}}
@@ -154,10 +150,10 @@ class Session:
             right, self.lines[partition], sequence=sequence, client=client, change=change, seconds=seconds
         )
 
-    def do(self, request: Request | str, partition: int = 0) -> Message:
-        """Send a request and check that the reply is that of the table."""
+    def do(self, request: Request | str, partition: int = 0, **fields: Any) -> Message:
+        """Send a request and check that the reply is that of the table, with these values in its fields."""
         kind = request if isinstance(request, str) else request.kind
-        reply = answered(self.ask(request, partition), tables().requests[kind]["reply"])
+        reply = answered(self.ask(request, partition), tables().requests[kind]["reply"], **fields)
         if kind == "COMMIT":
             self.step = reply.fields["step"]
         elif kind == "BUILD":
@@ -186,24 +182,55 @@ class Session:
         self.step = reply.fields["step"]
         return reply
 
+    def about(self, kind: str, arrays: dict[str, NDArray[Any]] | None = None, **fields: Any) -> Request:
+        """A request of the first partition with these fields and arrays, and no others."""
+        return Request(kind, self.address() | fields, arrays or {})
+
+    def uploading(self, rows: Any, item: str, **fields: str) -> Request:
+        """An UPLOAD of the first partition."""
+        return self.about("UPLOAD", {"rows": np.asarray(rows)}, item=item, **fields)
+
     def upload(self) -> None:
         """The whole mesh."""
         for partition, part in enumerate(self.parts):
             for fields, rows in part.uploads():
                 self.do(Request("UPLOAD", self.address(partition) | fields, {"rows": rows}), partition)
 
-    def together(self, kind: str, change: Callable[[Request], Request] = lambda request: request) -> list[Message]:
-        """A collective request by all partitions, sent before any reply is read."""
-        sent = []
-        for partition, line in enumerate(self.lines):
-            number = line.next()
-            sent.append((line, number))
-            self.stage.put(line, change(self.request(kind, partition)).frames(line.client, number))
-        replies = [line.receive(self.stage.opening_seconds) for line, _ in sent]
-        for reply, (line, number) in zip(replies, sent, strict=True):
-            if (reply.client, reply.sequence) != (line.client, number):
-                raise Unmet("each partition's reply on its own connection", show(reply))
-        return replies
+    def build(self) -> Message:
+        """BUILT of the whole mesh."""
+        self.upload()
+        return self.do("BUILD")
+
+    def step_on(self) -> Message:
+        """COMMITTED of one move."""
+        self.do("MOVE")
+        return self.do("COMMIT")
+
+    def take_up(self) -> list[Message]:
+        """Resume the session and join it again; JOINED of each partition."""
+        self.resume()
+        return self.join()
+
+    def send(self, request: Request, partition: int = 0) -> int:
+        """Send a request without waiting for the reply; its number."""
+        line = self.lines[partition]
+        number = line.next()
+        self.stage.put(line, request.frames(line.client, number))
+        return number
+
+    def receive(self, number: int, partition: int = 0) -> Message:
+        """The reply to the request of this number."""
+        reply = self.lines[partition].receive(self.stage.opening_seconds)
+        wanted = self.lines[partition].client, number
+        require((reply.client, reply.sequence) == wanted, f"the reply to request {number}", show(reply))
+        return reply
+
+    def together(self, *requests: Request | str) -> list[Message]:
+        """One request of each partition, all sent before any reply is read; a single kind is of every partition."""
+        every = requests if len(requests) > 1 else requests * len(self.lines)
+        made = [self.request(r, number) if isinstance(r, str) else r for number, r in enumerate(every)]
+        numbers = [self.send(request, partition) for partition, request in enumerate(made)]
+        return [self.receive(number, partition) for partition, number in enumerate(numbers)]
 
     def status(self) -> dict[str, Any]:
         """STATUS_REPORT's fields."""
@@ -224,8 +251,7 @@ class Session:
         try:
             return self.status()
         except (Unmet, Silence, Ended, Malformed):
-            self.resume()
-            self.join()
+            self.take_up()
             return self.status()
 
     def _towards(self, state: str, now: str) -> None:
@@ -233,7 +259,7 @@ class Session:
         if now == "NEW" and state != "NEW":
             self.upload()
         elif now == "OPENING":
-            self.built = next(iter([answered(reply, "BUILT") for reply in self.together("BUILD")]))
+            self.built, *_ = [answered(reply, "BUILT") for reply in self.together("BUILD")]
         elif now == "READY" and state == "TRIAL":
             self.do("MOVE")
         elif now == "TRIAL":

@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable
 from typing import Any, TypeVar
 
-from mesh_motion_conformance.case import Unmet
+from mesh_motion_conformance.case import Suite, Unmet
 from mesh_motion_conformance.checks import answered, check_identity
 from mesh_motion_conformance.line import Ended, Line, Silence
 from mesh_motion_conformance.server.mesh import SQUARE, WITHOUT_VOLUME, Part, boundary
@@ -20,9 +20,12 @@ from mesh_motion_conformance.server.session import Session
 from mesh_motion_conformance.show import show_frames
 from mesh_motion_conformance.wire import Malformed, Message
 
-__all__ = ["Stage"]
+__all__ = ["Stage", "suite"]
 
 Seen = TypeVar("Seen")
+
+#: The cases for servers; each module of a section adds its own.
+suite = Suite()
 
 #: Sessions in a row that could not be opened, after which no other is tried.
 _FAILED_OPENINGS = 2
@@ -109,10 +112,6 @@ class Stage:
     def open(
         self,
         *parts: Part,
-        settings: dict[str, Any] | None = None,
-        label: str = "conformance",
-        durability: str = "",
-        evaluation: str = "",
         **others: Any,
     ) -> Session:
         """A new session, in state NEW and joined by all of its partitions; ``others``: further fields of OPEN.
@@ -122,15 +121,7 @@ class Stage:
         if self._failed_openings >= _FAILED_OPENINGS:
             raise Unmet("a session", f"none after {self._failed_openings} tries to open one")
         parts = parts or (SQUARE,)
-        fields: dict[str, Any] = {"dimension": parts[0].points.shape[1], "label": label, **others}
-        if len(parts) > 1:
-            fields["partitions"] = len(parts)
-        if settings is not None:
-            fields["settings"] = settings
-        if durability:
-            fields["durability"] = durability
-        if evaluation:
-            fields["evaluation"] = evaluation
+        fields = {"dimension": parts[0].points.shape[1], "label": "conformance", "partitions": len(parts), **others}
         try:
             reply = answered(self.ask(Request("OPEN", fields), seconds=self.opening_seconds), "OPENED")
             session = Session(self, reply, parts)
@@ -148,43 +139,31 @@ class Stage:
         Possible states are NEW, OPENING, READY and TRIAL.
         """
         key = f"{kind} {'READY' if state in ('READY', 'TRIAL') else state}"
+        return self.kept(key, self.open, lambda session: session.reach(state))
+
+    def kept(self, key: str, make: Callable[[], Session], look: Callable[[Session], Any] = Session.status) -> Session:
+        """A shared session, which does not end with the case; opened once, and again after it was lost."""
         session = self._sessions.get(key)
         if session is not None:
             try:
-                return session.reach(state)
+                look(session)
+                return session
             except (Unmet, Silence, Ended, Malformed):
                 self._sessions.pop(key).discard()
         sent = self.sent
-        session = self._sessions[key] = self._shared(self.open())
-        session.reach(state)
-        self.sent = sent
-        return session
-
-    def kept(self, key: str, make: Callable[[], Session]) -> Session:
-        """A shared session of another kind; opened once, and again after it was lost."""
-        session = self._sessions.get(key)
-        if session is not None:
-            try:
-                session.status()
-            except (Unmet, Silence, Ended, Malformed):
-                self._sessions.pop(key).discard()
-            else:
-                return session
-        self._sessions[key] = session = self._shared(make())
-        return session
-
-    def _shared(self, session: Session) -> Session:
-        """The session, which does not end with the case."""
+        session = self._sessions[key] = make()
         self._of_case.remove(session)
+        look(session)
+        self.sent = sent
         return session
 
     def judging(self, state: str = "TRIAL") -> Session:
         """A shared session whose client evaluates the field, READY or TRIAL."""
+        return self.kept("client evaluation", self.outer).reach("READY").reach(state)
 
-        def opened() -> Session:
-            return self.open(boundary(), settings=WITHOUT_VOLUME, evaluation="client")
-
-        return self.kept("client evaluation", opened).reach("READY").reach(state)
+    def outer(self, part: Part | None = None, settings: dict[str, Any] = WITHOUT_VOLUME) -> Session:
+        """A new session whose client evaluates the field."""
+        return self.open(part or boundary(), settings=settings, evaluation="client")
 
     # --- between the cases -------------------------------------------------------------------------------------------
 

@@ -6,21 +6,19 @@ They are read from ``mesh_motion_protocol/vectors``, which are part of SPEC.md; 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from importlib.resources import files
 from typing import Any
 
 import msgpack
 
-from mesh_motion_conformance.case import Case, Suite, require
+from mesh_motion_conformance.case import require
 from mesh_motion_conformance.checks import refused
-from mesh_motion_conformance.server.stage import Stage
+from mesh_motion_conformance.server.stage import Stage, suite
 from mesh_motion_conformance.show import show
 from mesh_motion_conformance.tables import tables
 
-__all__ = ["load_vectors", "suite"]
-
-suite = Suite()
+__all__ = ["load_vectors"]
 
 #: Errors of malformed messages. A well-formed message may get others: its session does not exist, or it is too early.
 _MALFORMED = ("INVALID_ARGUMENT.HEADER", "INVALID_ARGUMENT.FRAMES", "INVALID_ARGUMENT.DTYPE", "INVALID_ARGUMENT.SHAPE",
@@ -45,42 +43,36 @@ def _is_request(kind: str) -> bool:
     return kind in tables().requests or kind not in tables().messages
 
 
-@suite.family
-def invalid() -> Iterator[Case]:
+def _refuse(stage: Stage, vector: dict[str, Any], at_data: bool) -> None:
+    line = stage.session("READY").lines[0] if at_data else stage.control
+    stage.put(line, vector["frames"])
+    refused(line.receive(), vector["error"])
+
+
+@suite.family(_refuse)
+def invalid() -> Iterator[tuple[Any, ...]]:
     """Frames that are no message."""
-
-    def run(vector: dict[str, Any], at_data: bool) -> Callable[[Stage], None]:
-        def refuse(stage: Stage) -> None:
-            line = stage.session("READY").lines[0] if at_data else stage.control
-            stage.put(line, vector["frames"])
-            refused(line.receive(), vector["error"])
-
-        return refuse
-
     for vector in load_vectors("invalid"):
         kind = _kind(vector["frames"])
         if _is_request(kind):
             at_data = tables().requests.get(kind, {}).get("endpoint") == "data"
-            yield Case(vector["section"], f"vector-{vector['name']}", vector["why"], run(vector, at_data))
+            yield vector["section"], f"vector-{vector['name']}", vector["why"], vector, at_data
 
 
-@suite.family
-def valid() -> Iterator[Case]:
+def _understand(stage: Stage, vector: dict[str, Any], at_data: bool) -> None:
+    line = stage.session("READY").connect() if at_data else stage.line()
+    stage.put(line, vector["frames"])
+    reply = line.receive(stage.opening_seconds)
+    line.close()
+    code = reply.fields.get("code", "")
+    require(code not in _MALFORMED, f"{vector['message']['type']} to be understood", show(reply))
+
+
+@suite.family(_understand)
+def valid() -> Iterator[tuple[Any, ...]]:
     """Frames that are a request."""
-
-    def run(vector: dict[str, Any], at_data: bool) -> Callable[[Stage], None]:
-        def understood(stage: Stage) -> None:
-            line = stage.session("READY").connect() if at_data else stage.line()
-            stage.put(line, vector["frames"])
-            reply = line.receive(stage.opening_seconds)
-            line.close()
-            code = reply.fields.get("code", "")
-            require(code not in _MALFORMED, f"{vector['message']['type']} to be understood", show(reply))
-
-        return understood
-
     for vector in load_vectors("valid"):
         kind = vector["message"]["type"]
         if kind in tables().requests and kind != "OPEN":
             at_data = tables().requests[kind]["endpoint"] == "data"
-            yield Case(vector["section"], f"vector-{vector['name']}", f"the frames are a {kind}", run(vector, at_data))
+            yield vector["section"], f"vector-{vector['name']}", f"the frames are a {kind}", vector, at_data
