@@ -4,8 +4,9 @@ Roles are guesses. The file, or the name of a patch, can show that it is a side 
 or a far boundary; periodic sides without a partner are fixed, curved symmetry planes slip. Otherwise a patch inside
 the mesh, which does not reach the sides of the box around all nodes, is a moving body, and all other patches are
 fixed; if there is none, the patch that reaches farthest inside moves, but none that ends at one of two periodic
-sides. One layer of cells is treated as a 2D mesh. A body that is joined to a fixed patch bends; others are shifted,
-in the symmetry planes that they touch. The motion is tried, and halved until the mesh can follow it.
+sides or has the name of a far boundary, if there is another. One layer of cells is treated as a 2D mesh. A body that is
+joined to a fixed patch bends; others are shifted, in the symmetry planes that they touch. The motion is tried, and
+halved until the mesh can follow it.
 """
 
 import math
@@ -98,10 +99,10 @@ def _roles(
         inner = {name: _inside(points[mesh.patches[name]], low, high).mean() for name in fixed}
         sides_of_period = [mesh.patches[name] for name, (role, _) in roles.items() if role == "periodic"]
 
-        def fitness(name: str) -> tuple[bool, float]:
+        def fitness(name: str) -> tuple[bool, bool, float]:
             """Whether the patch ends alike at all periodic sides, where nodes and their images must move alike."""
             ends = {len(np.intersect1d(mesh.patches[name], side)) for side in sides_of_period}
-            return len(ends) < 2, float(inner[name])
+            return len(ends) < 2, not _is_far(name), float(inner[name])
 
         roles[max(fixed, key=fitness)] = ("moving", "no patch is inside the mesh, and one must move")
     return roles
@@ -171,11 +172,15 @@ def _guess(name: str, points: Floats, everywhere: Floats) -> tuple[str, str]:
         return "periodic", "by its name"
     if any(word in name.lower() for word in _SYMMETRY):
         return "symmetry", "by its name"
-    if any(word in name.lower() for word in _FAR):
+    if _is_far(name):
         return "fixed", "by its name"
     if len(points) and _inside(points, low, high).all():
         return "moving", "inside the mesh"
     return "fixed", "at the outside"
+
+
+def _is_far(name: str) -> bool:
+    return any(word in name.lower() for word in _FAR)
 
 
 def _inside(points: Floats, low: Floats, high: Floats) -> Marks:

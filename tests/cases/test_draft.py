@@ -331,6 +331,18 @@ def test_init_writes_a_motion_that_the_mesh_can_follow(tmp_path: Path, gap: floa
     assert f"amplitude = {5.0 * share!r}," in text
 
 
+def test_a_far_boundary_by_its_name_does_not_move_if_a_wall_can(tmp_path: Path) -> None:
+    """A quarter of a ring: both arcs reach equally far inside the box."""
+    radius, angle = (of.ravel() for of in np.meshgrid(np.linspace(1.0, 2.0, 5), np.linspace(0.0, np.pi / 2, 9)))
+    _, cells = tensor_grid(np.arange(5.0), np.arange(9.0))
+    points = np.column_stack([radius * np.cos(angle), radius * np.sin(angle)])
+    sides = {"farfield": radius == 2.0, "wall": radius == 1.0, "floor": angle == 0.0, "side": angle == np.pi / 2}
+    nodes = {f"patch_{name}": np.flatnonzero(on) for name, on in sides.items()}
+    np.savez(tmp_path / "mesh.npz", points=points, cells_quad=cells, **nodes)
+    moving = [name for name, role in roles_of(read_mesh(tmp_path / "mesh.npz")).items() if role == "moving"]
+    assert moving == ["wall"]
+
+
 def test_init_says_why_a_mesh_cannot_be_moved(tmp_path: Path) -> None:
     path = below_the_lid(tmp_path, 0.1)
     with np.load(path) as file:
