@@ -162,7 +162,7 @@ def test_nastran_in_every_form_of_fields(tmp_path: Path, form: str) -> None:
     ("old", "new", "message"),
     [
         ("GRID,101,,", "GRID,101,3,", r"nodes in the coordinate system 3, which no CORD2R, CORD2C or CORD2S defines"),
-        ("GRID,101,,", "GRDSET,,3\nGRID,101,,", r"GRDSET in line \d+: the coordinate system 3 for all nodes"),
+        ("GRID,101,,", "GRDSET,,3\nGRID,101,,", r"nodes in the coordinate system 3, which no CORD2R, CORD2C or CORD2S"),
         ("GRID,101,,", "CORD2R,3,3,0.,0.,0.,0.,0.,1.,\n,1.\nGRID,101,3,", "the coordinate system 3, which no"),
         ("GRID,101,,", "CORD2R,3,,0.,0.,0.,0.,0.,1.,\n,\nGRID,101,3,", "the coordinate system 3 are on a line"),
         ("CHEXA,1,7,100,", "CHEXA,1,7,,", r"CHEXA in line \d+: nodes \[0, .*\], expected 8 numbers from 1"),
@@ -213,12 +213,13 @@ def test_nastran_in_several_files(tmp_path: Path) -> None:
         write_mesh(tmp_path / "moved.bdf", mesh)
 
 
-def test_nastran_coordinate_systems(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("usual", "first"), [("", "1"), ("GRDSET,,1\n", ""), ("GRDSET,,2\n", "1")])
+def test_nastran_coordinate_systems(tmp_path: Path, usual: str, first: str) -> None:
     """Four nodes of a tetrahedron in a turned system, and in a cylinder and a sphere within it."""
     (tmp_path / "m.bdf").write_text(
         "CORD2R,1,,1.,2.,3.,1.,3.,3.,\n,1.,2.,4.\n"  # z along y, x along z, so y along x
         "CORD2C,2,1,0.,0.,0.,0.,0.,1.,\n,1.,0.,0.\nCORD2S,3,1,0.,0.,0.,0.,0.,1.,\n,1.,0.,0.\n"
-        "GRID,1,1,0.,0.,0.\nGRID,2,1,2.,0.,0.\nGRID,3,2,2.,90.,0.,7\nGRID,4,3,2.,0.,0.\nCTETRA,1,1,1,2,3,4\n"
+        f"{usual}GRID,1,{first},0.,0.,0.\nGRID,2,{first},2.,0.,0.\nGRID,3,2,2.,90.,0.,7\nGRID,4,3,2.,0.,0.\nCTETRA,1,1,1,2,3,4\n"
     )
     mesh = read_mesh(tmp_path / "m.bdf")
     np.testing.assert_allclose(mesh.points, [[1, 2, 3], [1, 2, 5], [3, 2, 3], [1, 4, 3]], rtol=1e-15)
