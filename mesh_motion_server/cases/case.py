@@ -183,16 +183,22 @@ class Case:
 
     @property
     def roles(self) -> dict[str, Role]:
-        """The role of each patch that :meth:`read_mesh` leaves in the mesh."""
+        """The role of each patch that :meth:`fitting` leaves in the mesh."""
         return {name: role for name, role in self.content.patches.items() if role != "free"}
 
     def read_mesh(self) -> MeshFile:
-        """Read the mesh, without its free patches, and check that it matches the case.
+        """Read the mesh and return it as :meth:`fitting` does.
 
-        Raises InvalidInput as :func:`~mesh_motion_server.files.read_mesh`; for a patch without a role, a role for no
-        patch, a motion of a patch that does not move, and one whose vectors do not have the mesh's dimension.
+        Raises InvalidInput as :func:`~mesh_motion_server.files.read_mesh` and :meth:`fitting`.
         """
-        mesh = read_mesh(self.mesh_path, self.content.mesh.zone)
+        return self.fitting(read_mesh(self.mesh_path, self.content.mesh.zone))
+
+    def fitting(self, mesh: MeshFile) -> MeshFile:
+        """The mesh without its free patches; it is checked that it matches the case.
+
+        Raises InvalidInput for a patch without a role, a role for no patch, a motion of a patch that does not move, and
+        one whose vectors do not have the mesh's dimension.
+        """
         roles = self.content.patches
         missing = [name for name in mesh.patches if name not in roles]
         unknown = [name for name in roles if name not in mesh.patches]

@@ -48,7 +48,7 @@ def clamped_bending(
     slope = math.atan(math.pi * share) if both else 2 * share
     axis = None if mesh.dimension < 3 else normal if normal is not None else _axis(points - origin, along)
     return Bending(
-        rotation=round(math.degrees(slope), 1),
+        rotation=float(f"{math.degrees(slope):.2g}"),
         clamp=(origin + begin * along).tolist(),
         tip=(origin + end * along).tolist(),
         axis=None if axis is None else axis.tolist(),

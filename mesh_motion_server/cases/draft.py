@@ -4,14 +4,17 @@ Roles are guesses. The file, or the name of a patch, can show that it is a side 
 or a far boundary; periodic sides without a partner are fixed, curved symmetry planes slip. Otherwise a patch inside
 the mesh, which does not reach the sides of the box around all nodes, is a moving body, and all other patches are
 fixed; if there is none, the patch that reaches farthest inside moves, but none that ends at one of two periodic
-sides. One layer of cells is treated as a 2D mesh. A body that is joined to a fixed patch bends; others are shifted,
-in the symmetry planes that they touch.
+sides or has the name of a far boundary, if there is another. One layer of cells is treated as a 2D mesh. A body that is
+joined to a fixed patch bends; others are shifted, in the symmetry planes that they touch. The motion is tried, and
+halved until the mesh can follow it.
 """
 
 import math
 import os
 import re
+import tomllib
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import cache
 from itertools import combinations
 from pathlib import Path
@@ -24,13 +27,15 @@ from mesh_motion_numerics.mesh.periodic_pairs import periodic_pairs
 from mesh_motion_numerics.mesh.roles import Patch
 from mesh_motion_numerics.mesh.smooth_pieces import smooth_pieces
 from mesh_motion_numerics.quality.orientation import oriented
-from mesh_motion_protocol.errors import InvalidInput
+from mesh_motion_protocol.errors import InvalidInput, MeshMotionError, QualityRefused
 
-from mesh_motion_server.cases.case import Bending, toml_key, toml_text
+from mesh_motion_server.cases.case import Bending, Case, CaseFile, toml_key, toml_text
 from mesh_motion_server.cases.clamped import bodies, clamped_bending
+from mesh_motion_server.cases.motion_program import MotionProgram
+from mesh_motion_server.cases.prediction import Prediction
 from mesh_motion_server.files import MeshFile
 
-__all__ = ["draft", "guessed_roles"]
+__all__ = ["draft", "guessed_roles", "tried_draft"]
 
 _Facets = Callable[[], dict[str, Integers]]
 
@@ -43,8 +48,9 @@ _TOUCH = 1e-3
 #: Unit vectors that differ by less than this are the same.
 _SAME = 1e-3
 _SIDE = "a side of one layer of cells"
-#: Size of the first motion, as a share of the extent of the moving patches.
+#: Size of the first motion that is tried, as a share of the extent of the moving patches, and of the smallest one.
 _SHARE = 0.05
+_SMALLEST = _SHARE / 64
 _STAYS = (
     "# The body touches symmetry planes in all directions, so no translation keeps it on them: it stays.\n"
     "# A table moves its nodes along each plane.\n"
@@ -90,10 +96,10 @@ def _roles(
         inner = {name: _inside(points[mesh.patches[name]], low, high).mean() for name in fixed}
         sides_of_period = [mesh.patches[name] for name, (role, _) in roles.items() if role == "periodic"]
 
-        def fitness(name: str) -> tuple[bool, float]:
+        def fitness(name: str) -> tuple[bool, bool, float]:
             """Whether the patch ends alike at all periodic sides, where nodes and their images must move alike."""
             ends = {len(np.intersect1d(mesh.patches[name], side)) for side in sides_of_period}
-            return len(ends) < 2, float(inner[name])
+            return len(ends) < 2, not _is_far(name), float(inner[name])
 
         roles[max(fixed, key=fitness)] = ("moving", "no patch is inside the mesh, and one must move")
     return roles
@@ -163,11 +169,15 @@ def _guess(name: str, points: Floats, everywhere: Floats) -> tuple[str, str]:
         return "periodic", "by its name"
     if any(word in name.lower() for word in _SYMMETRY):
         return "symmetry", "by its name"
-    if any(word in name.lower() for word in _FAR):
+    if _is_far(name):
         return "fixed", "by its name"
     if len(points) and _inside(points, low, high).all():
         return "moving", "inside the mesh"
     return "fixed", "at the outside"
+
+
+def _is_far(name: str) -> bool:
+    return any(word in name.lower() for word in _FAR)
 
 
 def _inside(points: Floats, low: Floats, high: Floats) -> Marks:
@@ -176,8 +186,37 @@ def _inside(points: Floats, low: Floats, high: Floats) -> Marks:
     return np.asarray(((points > low + near) & (points < high - near)).all(axis=1))
 
 
-def draft(mesh: MeshFile, folder: Path, zone: str = "") -> str:
-    """The text of a case file in ``folder`` that moves the guessed patches a little.
+def tried_draft(mesh: MeshFile, path: Path, zone: str = "") -> tuple[str, str]:
+    """The text of a case file at ``path`` with the largest motion that was tried and accepted, and an empty text.
+
+    If none is accepted, or the mesh cannot be moved with these roles, the first draft and the reason.
+
+    Raises
+    ------
+    InvalidInput
+        For a mesh without patches.
+    """
+    prediction, share, first, refused = None, _SHARE, "", ""
+    while share >= _SMALLEST:
+        text = draft(mesh, path.parent, zone, share)
+        first = first or text
+        try:
+            case = Case(path, CaseFile.model_validate(tomllib.loads(text)))
+            program = MotionProgram.of(case, case.fitting(mesh))
+            prediction = replace(prediction or Prediction.of(case, mesh, program), program=program)
+            prediction.model.move(mesh.points, prediction.targets(program.count))
+        except QualityRefused as error:
+            refused = refused or error.message
+            share /= 2.0 ** max(1, math.ceil(-math.log2(error.fraction or 0.125)))
+        except MeshMotionError as error:
+            return first, error.message
+        else:
+            return text, ""
+    return first, refused
+
+
+def draft(mesh: MeshFile, folder: Path, zone: str = "", share: float = _SHARE) -> str:
+    """The text of a case file in ``folder`` that moves the guessed patches by a share of their extent.
 
     Raises InvalidInput for a mesh without patches.
     """
@@ -200,7 +239,7 @@ def draft(mesh: MeshFile, folder: Path, zone: str = "") -> str:
     if normal is None and len(planes) == 1 and mesh.dimension == 3:
         normal = planes[0]
     extent = float(np.ptp(mesh.points, axis=0).max())
-    length = _SHARE * (float(np.ptp(body, axis=0).max()) or extent)
+    length = share * (float(np.ptp(body, axis=0).max()) or extent)
     axis = np.eye(3)[2] if normal is None else normal
     about = f"centre = {_vector(centre)}" + (f", axis = {_vector(axis)}" if mesh.dimension == 3 else "")
     shift = _vector(length * direction, 11 if len(planes) else 4)
@@ -209,7 +248,7 @@ def draft(mesh: MeshFile, folder: Path, zone: str = "") -> str:
     motions = "\n".join(
         f"[[motion]]\npatch = {toml_text(name)}\n{rigid if bent is None else _bending(bent, extent)}\n"
         for body in bodies(mesh, moving)
-        for bent in [clamped_bending(mesh, body, fixed, _SHARE, normal)]
+        for bent in [clamped_bending(mesh, body, fixed, share, normal)]
         for name in body
     )
     swings = direction
@@ -226,7 +265,7 @@ file = {toml_text(os.path.relpath(mesh.path, folder))}{zoned}
 {patches}
 
 # The total motion of a patch over all steps; several of one patch add up. Other kinds:
-# oscillation = {{ amplitude = 5.0, frequency = 0.05, {about} }}  # degrees, periods a step
+# oscillation = {{ amplitude = {_number(100 * share)}, frequency = 0.05, {about} }}  # degrees, periods a step
 # oscillation = {{ amplitude = {_number(length)}, frequency = 0.05, direction = {_vector(swings)} }}
 # table = "motion.npz"  # node_ids (n), displacement (steps, n, {mesh.dimension})
 {motions}

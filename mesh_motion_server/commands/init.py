@@ -25,14 +25,14 @@ def init(
     ] = None,
     zone: Annotated[str, typer.Option(metavar="NAME", help="Zone to read from a mesh file with several zones.")] = "",
 ) -> None:
-    """Write a commented case file: the mesh's patches, a guess of their roles, and a small motion to try.
+    """Write a commented case file: the mesh's patches, a guess of their roles, and a motion that the mesh can follow.
 
     \b
     mesh-motion init examples/thesis_rotation/mesh.npz --out first.toml
     """
     from mesh_motion_protocol.errors import InvalidInput
 
-    from mesh_motion_server.cases.draft import draft
+    from mesh_motion_server.cases.draft import tried_draft
     from mesh_motion_server.files import read_mesh
     from mesh_motion_server.files.replace import replacing, require_file_place
 
@@ -42,9 +42,11 @@ def init(
         if target.exists():
             raise InvalidInput(f"{target} exists", hint="give another file with --out")
         found = read_mesh(mesh, zone)
-        text = draft(found, target.parent, zone)
+        text, refused = tried_draft(found, target, zone)
         with replacing(target) as file:
             file.write(text.encode())
     for warning in found.notes:
         complain(f"warning: {warning}")
+    if refused:
+        complain(f"warning: the drafted motion will be refused: {refused}")
     say(f"{target}: check the roles in it, then: mesh-motion play {target}")

@@ -15,6 +15,8 @@ from mesh_motion_numerics.mesh.cells import CELL_TYPES, CellTable
 from mesh_motion_protocol.errors import InvalidInput
 from mesh_motion_protocol.flat_points import is_flat
 
+from mesh_motion_server.files.collapsed import uncollapsed
+
 __all__ = [
     "MeshFile",
     "all_outside",
@@ -74,19 +76,20 @@ class MeshFile:
 def assemble(path: Path, points: Floats, cells: Mapping[str, Integers], patches: Mapping[str, Integers]) -> MeshFile:
     """Make a mesh from the content of a foreign file: cells of all dimensions, always three coordinates.
 
-    The mesh has the cells of the highest dimension. Coordinates beyond it must be constant; they are dropped. Raises
-    InvalidInput without cells, if coordinates beyond the cells' dimension vary, and as :class:`MeshFile` does.
+    The mesh has the cells of the highest dimension. Coordinates beyond it must be constant; they are dropped. Cells
+    that name a node twice get simpler types. Raises InvalidInput without cells, if coordinates beyond the cells'
+    dimension vary, and as :class:`MeshFile` does.
     """
     used = {name: np.asarray(nodes, dtype=np.int64) for name, nodes in cells.items() if len(nodes)}
     if not used:
         raise InvalidInput(f"{path}: the mesh has no cells", hint="was the mesh saved before it was generated?")
     dimension = max(CELL_TYPES[name].dimension for name in used)
     points = _drop_coordinates(np.asarray(points, dtype=np.float64), dimension, path)
-    used = {name: nodes for name, nodes in used.items() if CELL_TYPES[name].dimension == dimension}
+    used, simpler = uncollapsed({n: nodes for n, nodes in used.items() if CELL_TYPES[n].dimension == dimension})
     nodes_of = {name: np.unique(nodes) for name, nodes in patches.items()}
-    only_lines = ("the mesh is 1D, it has lines only: was the group of its surface or volume not saved?",)
-    notes = only_lines if dimension == 1 else ()
-    return MeshFile(points, used, nodes_of, path, notes=notes)
+    notes = ["the mesh is 1D, it has lines only: was the group of its surface or volume not saved?"] * (dimension == 1)
+    notes += [f"{simpler} cells name a node twice: they are read as cells of simpler types"] * bool(simpler)
+    return MeshFile(points, used, nodes_of, path, notes=tuple(notes))
 
 
 def assemble_elements(

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 from mesh_motion_server.cases.case import Bending, read_case
 from mesh_motion_server.cases.check import check
-from mesh_motion_server.cases.draft import draft, guessed_roles
+from mesh_motion_server.cases.draft import draft, guessed_roles, tried_draft
 from mesh_motion_server.cases.motion_program import BendingProgram, MotionProgram
 from mesh_motion_server.commands.app import app
 from mesh_motion_server.files import MeshFile, read_mesh
@@ -301,3 +301,59 @@ def test_a_patch_that_ends_at_one_periodic_side_does_not_move(tmp_path: Path) ->
     assert [name for name, role in roles_of(mesh).items() if role == "moving"] == ["step"]
     (tmp_path / "case.toml").write_text(draft(mesh, tmp_path), encoding="utf-8")
     assert not check(tmp_path / "case.toml", seconds=5.0).refused
+
+
+def below_the_lid(folder: Path, gap: float) -> Path:
+    """A mesh with a body this far below the upper side, towards which the first draft shifts it by 0.02."""
+    x = np.linspace(0.0, 1.0, 11)
+    points, cells = tensor_grid(x, np.r_[x[:6], 0.6, 1.0 - gap, 1.0])
+    centre = points[cells].mean(axis=1)
+    solid = (np.abs(centre - (0.5, 0.8 - gap / 2)) < (0.2, 0.2 - gap / 2)).all(axis=1)
+    kept, cells = without_unused(points, cells[~solid])
+    outer = ((kept == 0.0) | (kept == 1.0)).any(axis=1)
+    body = (np.abs(kept[:, 0] - 0.5) < 0.21) & (kept[:, 1] > 0.59) & ~outer
+    np.savez(folder / "mesh.npz", points=kept, cells_quad=cells, patch_body=np.flatnonzero(body),
+             patch_outer=np.flatnonzero(outer))  # fmt: skip
+    return folder / "mesh.npz"
+
+
+@pytest.mark.parametrize(("gap", "share"), [(0.1, 1.0), (0.015, 0.5), (0.004, 0.125)])
+def test_init_writes_a_motion_that_the_mesh_can_follow(tmp_path: Path, gap: float, share: float) -> None:
+    """A shift that crosses the lid is halved until it is accepted, also in the examples of other motions."""
+    path = below_the_lid(tmp_path, gap)
+    written = CliRunner().invoke(app, ["init", str(path)])
+    assert "warning" not in written.output
+    report = check(tmp_path / "case.toml", seconds=60.0)
+    assert (report.steps, report.refused) == (10, "")
+    text = (tmp_path / "case.toml").read_text(encoding="utf-8")
+    assert tomllib.loads(text)["motion"][0]["rigid"]["translation"] == [0.0, 0.02 * share]
+    assert f"amplitude = {0.02 * share!r}," in text
+    assert f"amplitude = {5.0 * share!r}," in text
+
+
+def test_a_far_boundary_by_its_name_does_not_move_if_a_wall_can(tmp_path: Path) -> None:
+    """A quarter of a ring: both arcs reach equally far inside the box."""
+    radius, angle = (of.ravel() for of in np.meshgrid(np.linspace(1.0, 2.0, 5), np.linspace(0.0, np.pi / 2, 9)))
+    _, cells = tensor_grid(np.arange(5.0), np.arange(9.0))
+    points = np.column_stack([radius * np.cos(angle), radius * np.sin(angle)])
+    sides = {"farfield": radius == 2.0, "wall": radius == 1.0, "floor": angle == 0.0, "side": angle == np.pi / 2}
+    nodes = {f"patch_{name}": np.flatnonzero(on) for name, on in sides.items()}
+    np.savez(tmp_path / "mesh.npz", points=points, cells_quad=cells, **nodes)
+    moving = [name for name, role in roles_of(read_mesh(tmp_path / "mesh.npz")).items() if role == "moving"]
+    assert moving == ["wall"]
+
+
+def test_init_says_why_a_mesh_cannot_be_moved(tmp_path: Path) -> None:
+    path = below_the_lid(tmp_path, 0.1)
+    with np.load(path) as file:
+        arrays = dict(file)
+    arrays["points"][0] += 0.15  # the corner's cell is inverted
+    np.savez(path, **arrays)
+    with pytest.raises(InvalidInput) as refused:
+        check(path)
+    written = CliRunner().invoke(app, ["init", str(path)])
+    assert written.exit_code == 0
+    assert f"warning: the drafted motion will be refused: {refused.value.message.split(': ', 1)[1]}" in written.output
+    text = (tmp_path / "case.toml").read_text(encoding="utf-8")
+    assert tomllib.loads(text)["motion"][0]["rigid"]["translation"] == [0.0, 0.02]
+    assert tried_draft(read_mesh(path), tmp_path / "case.toml")[0] == text

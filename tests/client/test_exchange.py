@@ -125,6 +125,22 @@ def test_a_moved_mesh_goes_to_pyvista_with_its_displacement(session):
     assert grid.point_data["displacement"].tolist() == [[0.0, 0.25, 0.0]] * 16
 
 
+@pytest.mark.parametrize("array", ["gmsh:physical", "cell_tags", "medit:ref", "netgen:index", "gmsh:geometrical"])
+def test_from_meshio_by_numbers(array):
+    """As in files; a curve with the number of a surface has a name of its own, and 0 is none."""
+    sides = [("quad", [[0, 1, 3, 2]]), ("quad", [[4, 5, 7, 6]]), ("line", [[0, 1], [1, 3], [4, 5]])]
+    numbers = [[1, 1], [-7 if array == "cell_tags" else 7654321], [8], [8, 0, 9]]
+    mesh = meshio.Mesh(CUBE, [("wedge", WEDGES.cells["wedge"]), *sides], cell_data={array: numbers, "other": numbers})
+    found = Mesh.from_meshio(mesh, {str(numbers[1][0]): "fixed", "8": "moving", "curve_8": "fixed", "9": "fixed"})
+    assert {name: patch.nodes.tolist() for name, patch in found.patches.items()} == {
+        str(numbers[1][0]): [0, 1, 2, 3], "8": [4, 5, 6, 7], "curve_8": [0, 1], "9": [4, 5]
+    }  # fmt: skip
+    with pytest.raises(
+        InvalidInput, match=r"patch '0' is not among the sets of points and cells \['-?7[0-9]*', '8', '9', 'cu"
+    ):
+        Mesh.from_meshio(mesh, {"0": "fixed"})
+
+
 def test_from_meshio_by_sets_and_by_names_of_physical_groups():
     lower, upper = (("quad", [[0, 1, 3, 2]]), ("quad", [[4, 5, 7, 6]]))
     cells = [("wedge", WEDGES.cells["wedge"]), lower, upper]

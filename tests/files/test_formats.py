@@ -624,7 +624,9 @@ def test_second_order_of_abaqus_by_corners_with_the_middles_of_its_sides(tmp_pat
     assert "by their corners" in mesh.notes[0]
 
 
-@pytest.mark.parametrize("name", ["box.msh", pytest.param("box_foam", marks=pytest.mark.nightly)])
+@pytest.mark.parametrize(
+    "name", ["box.msh", *(pytest.param(name, marks=pytest.mark.nightly) for name in WRITERS if name != "box.msh")]
+)
 def test_a_case_plays_with_the_file_of_another_program(tmp_path: Path, name: str) -> None:
     """The wall of the file goes up by a tenth, and the solver gets its own file with all nodes moved."""
     WRITERS[name](tmp_path / name)

@@ -162,7 +162,7 @@ def test_nastran_in_every_form_of_fields(tmp_path: Path, form: str) -> None:
     ("old", "new", "message"),
     [
         ("GRID,101,,", "GRID,101,3,", r"nodes in the coordinate system 3, which no CORD2R, CORD2C or CORD2S defines"),
-        ("GRID,101,,", "GRDSET,,3\nGRID,101,,", r"GRDSET in line \d+: the coordinate system 3 for all nodes"),
+        ("GRID,101,,", "GRDSET,,3\nGRID,101,,", r"nodes in the coordinate system 3, which no CORD2R, CORD2C or CORD2S"),
         ("GRID,101,,", "CORD2R,3,3,0.,0.,0.,0.,0.,1.,\n,1.\nGRID,101,3,", "the coordinate system 3, which no"),
         ("GRID,101,,", "CORD2R,3,,0.,0.,0.,0.,0.,1.,\n,\nGRID,101,3,", "the coordinate system 3 are on a line"),
         ("CHEXA,1,7,100,", "CHEXA,1,7,,", r"CHEXA in line \d+: nodes \[0, .*\], expected 8 numbers from 1"),
@@ -213,12 +213,13 @@ def test_nastran_in_several_files(tmp_path: Path) -> None:
         write_mesh(tmp_path / "moved.bdf", mesh)
 
 
-def test_nastran_coordinate_systems(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("usual", "first"), [("", "1"), ("GRDSET,,1\n", ""), ("GRDSET,,2\n", "1")])
+def test_nastran_coordinate_systems(tmp_path: Path, usual: str, first: str) -> None:
     """Four nodes of a tetrahedron in a turned system, and in a cylinder and a sphere within it."""
     (tmp_path / "m.bdf").write_text(
         "CORD2R,1,,1.,2.,3.,1.,3.,3.,\n,1.,2.,4.\n"  # z along y, x along z, so y along x
         "CORD2C,2,1,0.,0.,0.,0.,0.,1.,\n,1.,0.,0.\nCORD2S,3,1,0.,0.,0.,0.,0.,1.,\n,1.,0.,0.\n"
-        "GRID,1,1,0.,0.,0.\nGRID,2,1,2.,0.,0.\nGRID,3,2,2.,90.,0.,7\nGRID,4,3,2.,0.,0.\nCTETRA,1,1,1,2,3,4\n"
+        f"{usual}GRID,1,{first},0.,0.,0.\nGRID,2,{first},2.,0.,0.\nGRID,3,2,2.,90.,0.,7\nGRID,4,3,2.,0.,0.\nCTETRA,1,1,1,2,3,4\n"
     )
     mesh = read_mesh(tmp_path / "m.bdf")
     np.testing.assert_allclose(mesh.points, [[1, 2, 3], [1, 2, 5], [3, 2, 3], [1, 4, 3]], rtol=1e-15)
@@ -383,15 +384,38 @@ def test_plot3d_files_that_do_not_fit(tmp_path: Path) -> None:
     one_line(tmp_path / "m.xyz", "not readable as a Plot3D grid: no numbers of blocks and nodes fit its size")
     (tmp_path / "m.xyz").write_text("1\n2 2 2\n999999999999*0.0\n")
     one_line(tmp_path / "m.xyz", r"bytes that hold \d+ or more")
-    tip = block(3, 3, 3)
-    tip[:2, :9] = 0.5
-    plot3d(tmp_path / "m.xyz", [tip], [(3, 3, 3)])
-    one_line(tmp_path / "m.xyz", "a face of the side imin of block 1 has two corners at one place: it is not read")
     holes = block(3, 3)
     plot3d(tmp_path / "m.xyz", [holes], [(3, 3)], blanks=True)
     text = (tmp_path / "m.xyz").read_text()
     (tmp_path / "m.xyz").write_text(text[: text.rindex("1")] + "0\n")
     assert read_mesh(tmp_path / "m.xyz").notes == ("1 nodes are marked as holes; they are moved with the others",)
+
+
+@pytest.mark.parametrize(
+    ("turns", "axes", "cells", "patches"),
+    [
+        (0.5, 3, {"hexahedron": 8, "wedge": 8}, {"imax": 15, "jmin": 9, "jmax": 9, "kmin": 11, "kmax": 11}),
+        (1.0, 3, {"hexahedron": 8, "wedge": 8}, {"imax": 12, "kmin": 9, "kmax": 9}),
+        (0.5, 2, {"quad": 4, "triangle": 4}, {"imax": 5, "jmin": 3, "jmax": 3}),
+    ],
+)
+def test_plot3d_around_an_axis(
+    tmp_path: Path, turns: float, axes: int, cells: dict[str, int], patches: dict[str, int]
+) -> None:
+    """The side imin of half a cylinder, a whole one or half a disc has no area: it is no patch."""
+    angle = np.linspace(0.0, 2.0 * np.pi * turns, 5)[: 4 if turns == 1.0 else 5]
+    angle = np.append(angle, angle[:1])[:5]
+    radius, height = np.arange(3.0), np.arange(3.0) if axes == 3 else np.zeros(1)
+    z, a, r = (of.ravel() for of in np.meshgrid(height, angle, radius, indexing="ij"))
+    counts = (3, 5, 3)[:axes]
+    plot3d(tmp_path / "m.xyz", [np.stack([r * np.cos(a), r * np.sin(a), z])[:axes]], [counts], single=True)
+    mesh = read_mesh(tmp_path / "m.xyz")
+    assert {name: len(nodes) for name, nodes in mesh.cells.items()} == cells
+    assert {name: len(nodes) for name, nodes in mesh.patches.items()} == patches
+    assert lowest_skew(mesh) > 0.3
+    assert f"{sum(cells.values()) // 2} cells name a node twice: they are read as cells of simpler types" in mesh.notes
+    after = moved_and_read(tmp_path / "m.xyz", mesh)
+    np.testing.assert_array_equal(after.points, mesh.points * 1.25 + np.pi)
 
 
 @pytest.mark.parametrize("kind", ["", "<f4", ">f8"])

@@ -113,5 +113,13 @@ def test_the_c_library_of_spack() -> None:
         assert re.search(rf'option\({option} ".*" (ON|OFF)\)', CMAKE)[1] == ("ON" if defaults[variant] else "OFF")
 
 
+@pytest.mark.parametrize("name", ["mesh_motion", "py_mesh_motion_client"])
+def test_spack_takes_the_style_of_its_recipes(name: str) -> None:
+    """Its own checks: the head of each file, and no line of more than 99 characters."""
+    head = "# Copyright Spack Project Developers. See COPYRIGHT file for details.\n#\n# SPDX-License-Identifier: "
+    assert source(name).startswith(head)
+    assert max(map(len, source(name).splitlines())) <= 99
+
+
 def source(name: str) -> str:
     return (FOLDER / "spack" / name / "package.py").read_text(encoding="utf-8")

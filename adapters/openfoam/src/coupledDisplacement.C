@@ -1,4 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
+#ifdef OPENFOAM // not for the Foundation's OpenFOAM
+
 #include "coupledDisplacement.H"
 #include "addToRunTimeSelectionTable.H"
 #include "pointPatchFields.H"
@@ -85,3 +87,6 @@ void Foam::coupledDisplacement::write(Ostream& os) const
     settings_.write(os, false);
     writeEntry("value", os);
 }
+
+
+#endif

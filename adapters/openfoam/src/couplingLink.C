@@ -1,4 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
+#ifdef OPENFOAM // not for the Foundation's OpenFOAM
+
 #include "couplingLink.H"
 #include "Time.H"
 #include "displacementMotionSolver.H"
@@ -228,3 +230,6 @@ const Foam::vectorField& Foam::couplingLink::exchange
     sent_ = mesh.lookupObject<volScalarField>("p").eventNo();
     return answer_;
 }
+
+
+#endif

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "remoteMesh.H"
+#include "releases.H"
 #include "emptyPolyPatch.H"
 #include "globalIndex.H"
 #include "globalMeshData.H"
@@ -167,7 +168,7 @@ void Foam::remoteMesh::numberPlane()
     (
         plane.size() != mesh_.nCells()
      || nPairs + nAxis != nodePoint_.size()
-     || pointNode_.found(-1)
+     || contains(pointNode_, -1)
     )
     {
         FatalErrorInFunction
@@ -214,13 +215,13 @@ void Foam::remoteMesh::numberGlobally()
     {
         globalIds_[node] = pointIds[nodePoint_[node]];
     }
-    forAllConstIters(faceNode_, iter)
+    for (const label facei : faceNode_.toc())
     {
-        globalIds_[iter.val()] = firstFace + faceIds[iter.key()];
+        globalIds_[faceNode_[facei]] = firstFace + faceIds[facei];
     }
-    forAllConstIters(cellNode_, iter)
+    for (const label celli : cellNode_.toc())
     {
-        globalIds_[iter.val()] = firstCell + cells.toGlobal(iter.key());
+        globalIds_[cellNode_[celli]] = firstCell + cells.toGlobal(celli);
     }
 }
 
@@ -242,7 +243,7 @@ void Foam::remoteMesh::setPoints(const pointField& base)
     }
     // the other rank adds in another order, so its mean may differ in the last
     // bit
-    pointField middles(mesh_.nBoundaryFaces(), Zero);
+    pointField middles(mesh_.nFaces() - mesh_.nInternalFaces(), Zero);
     forAll(middles_, i)
     {
         const label facei = middles_[i];
@@ -339,10 +340,9 @@ void Foam::remoteMesh::addPatches(const remotePatches& roles)
         }
         forAll(pp, i)
         {
-            const auto middle = faceNode_.cfind(pp.start() + i);
-            if (middle.found())
+            if (faceNode_.found(pp.start() + i))
             {
-                added.nodes.push_back(middle.val());
+                added.nodes.push_back(faceNode_[pp.start() + i]);
             }
         }
         addPatch(std::move(added));

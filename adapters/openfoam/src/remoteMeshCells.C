@@ -11,14 +11,13 @@ namespace
 //  points have the server's order in each cell.
 const char* typeOf(const Foam::cellShape& shape)
 {
-    switch (shape.model().index())
-    {
-        case Foam::cellModel::HEX: return "hexahedron";
-        case Foam::cellModel::PRISM: return "wedge";
-        case Foam::cellModel::PYR: return "pyramid";
-        case Foam::cellModel::TET: return "tetra";
-        default: return nullptr;
-    }
+    const Foam::word& name = shape.model().name();
+    return
+        name == "hex" ? "hexahedron"
+      : name == "prism" ? "wedge"
+      : name == "pyr" ? "pyramid"
+      : name == "tet" ? "tetra"
+      : nullptr;
 }
 
 //- For each corner of such a cell: the corner and its neighbours, right-handed
@@ -44,13 +43,12 @@ const Foam::labelListList& cornersOf(const Foam::cellShape& shape)
         labelList({2, 3, 1, 4}), labelList({3, 0, 2, 4})
     });
     static const Foam::labelListList tetra({labelList({0, 1, 2, 3})});
-    switch (shape.model().index())
-    {
-        case Foam::cellModel::HEX: return hex;
-        case Foam::cellModel::PRISM: return prism;
-        case Foam::cellModel::PYR: return pyramid;
-        default: return tetra;
-    }
+    const Foam::word& name = shape.model().name();
+    return
+        name == "hex" ? hex
+      : name == "prism" ? prism
+      : name == "pyr" ? pyramid
+      : tetra;
 }
 
 //- True if one of the determinants is not positive, beyond rounding
@@ -284,12 +282,11 @@ void Foam::remoteMesh::addPieces(const label celli)
     for (const label facei : mesh_.cells()[celli])
     {
         const face f(inwards(facei, celli));
-        const auto middle = faceNode_.cfind(facei);
         if (f.size() == 3)
         {
             addCell("tetra", labelList({f[0], f[1], f[2], centre}), celli);
         }
-        else if (!middle.found())
+        else if (!faceNode_.found(facei))
         {
             const labelList pyramid({f[0], f[1], f[2], f[3], centre});
             addCell("pyramid", pyramid, celli);
@@ -300,7 +297,7 @@ void Foam::remoteMesh::addPieces(const label celli)
             {
                 const labelList tetra
                 ({
-                    f[i], f.nextLabel(i), middle.val(), centre
+                    f[i], f.nextLabel(i), faceNode_[facei], centre
                 });
                 addCell("tetra", tetra, celli);
             }

@@ -42,7 +42,7 @@ const dictionary& checked(const dictionary& dict, const dictionary& coeffs)
     ({
         "dynamicFvMesh", "dynamicFvMeshLibs", "libs", "motionSolverLibs",
         "motionSolver", "solver", "cellZone", "updateControl",
-        "updateInterval"
+        "updateInterval", "type"
     });
     const word own(remoteMeshMotion::typeName + "Coeffs");
     checkEntries(coeffs, known, dict.found(own) ? wordList() : ofMesh);
@@ -64,7 +64,7 @@ const dictionary& checked(const dictionary& dict, const dictionary& coeffs)
 bool isSecond(const dictionary& coeffs, const word& key, const wordList& words)
 {
     const word given(coeffs.lookupOrDefault<word>(key, words[0]));
-    if (!words.found(given))
+    if (!contains(words, given))
     {
         FatalIOErrorInFunction(coeffs)
             << key << " is " << words[0] << " or " << words[1] << "; got "
@@ -88,6 +88,7 @@ word zoneName(const dictionary& dict)
 }
 
 
+#ifdef OPENFOAM
 //- A dictionary with the name under which the motion solver of a zone is
 //  registered and written; null if the solver moves the whole mesh
 std::unique_ptr<IOdictionary> ofZone
@@ -111,6 +112,7 @@ std::unique_ptr<IOdictionary> ofZone
     );
     return std::unique_ptr<IOdictionary>(new IOdictionary(io, dict));
 }
+#endif
 
 
 //- The cells of a zone as a mesh; null without a zone
@@ -120,14 +122,16 @@ std::unique_ptr<fvMeshSubset> cellsOf(const polyMesh& mesh, const word& name)
     {
         return nullptr;
     }
+    const fvMesh& all = refCast<const fvMesh>(mesh);
+    #ifdef OPENFOAM
     std::unique_ptr<fvMeshSubset> subset
     (
-        new fvMeshSubset
-        (
-            refCast<const fvMesh>(mesh),
-            mesh.cellZones()[name] // the base class has found it
-        )
+        new fvMeshSubset(all, mesh.cellZones()[name]) // the base class found it
     );
+    #else
+    std::unique_ptr<fvMeshSubset> subset(new fvMeshSubset(all));
+    subset->setLargeCellSubset(labelHashSet(mesh.cellZones()[name]));
+    #endif
     // its faces to other cells form a patch of type empty, which 2D needs
     fvMesh& own = subset->subMesh();
     const polyBoundaryMesh& boundary = own.boundaryMesh();
@@ -136,7 +140,7 @@ std::unique_ptr<fvMeshSubset> cellsOf(const polyMesh& mesh, const word& name)
     {
         const polyPatch& pp = boundary[patchi];
         patches[patchi] =
-            pp.name() == fvMeshSubset::exposedPatchName
+            pp.name() == "oldInternalFaces"
           ? new polyPatch
             (
                 pp.name(), pp.size(), pp.start(), patchi, boundary,
@@ -208,7 +212,7 @@ void Foam::remoteMeshMotion::toAll(const pointField& own, pointField& all) const
 Foam::fileName Foam::remoteMeshMotion::folder(const word& instance) const
 {
     const fileName uniform(mesh().time().path()/instance/"uniform");
-    return uniform/(zone_ ? name() : typeName);
+    return uniform/(zone_ ? word(typeName + '.' + zoneName_) : typeName);
 }
 
 
@@ -219,7 +223,7 @@ Foam::string Foam::remoteMeshMotion::digest() const
     sent.add("method", coeffDict().subOrEmptyDict("method"));
     if (zone_)
     {
-        sent.add("cellZone", zoneName(*this));
+        sent.add("cellZone", zoneName_);
     }
     if (evaluates_)
     {
@@ -273,9 +277,9 @@ bool Foam::remoteMeshMotion::resume()
     if (Pstream::master())
     {
         const dictionary saved(IFstream(path/"state")());
-        step = saved.get<label>("step");
-        ranks = saved.get<label>("processors");
-        settings = saved.get<string>("settings");
+        step = required<label>(saved, "step");
+        ranks = required<label>(saved, "processors");
+        settings = required<string>(saved, "settings");
         saved.readIfPresent("couplingWindow", window);
         saved.readIfPresent("trial", trial);
     }
@@ -431,6 +435,7 @@ void Foam::remoteMeshMotion::setCellDisplacement()
 }
 
 
+#ifdef OPENFOAM
 Foam::remoteMeshMotion::remoteMeshMotion
 (
     const polyMesh& mesh,
@@ -449,7 +454,18 @@ Foam::remoteMeshMotion::remoteMeshMotion
 )
 :
     displacementMotionSolver(mesh, ofZone ? *ofZone : dict, typeName),
-    zone_(cellsOf(mesh, zoneName(dict))),
+#else
+Foam::remoteMeshMotion::remoteMeshMotion
+(
+    const word& name,
+    const polyMesh& mesh,
+    const dictionary& dict
+)
+:
+    displacementMotionSolver(name, mesh, dict, typeName),
+#endif
+    zoneName_(zoneName(dict)),
+    zone_(cellsOf(mesh, zoneName_)),
     patches_(own(), checked(dict, coeffDict())),
     evaluates_(isSecond(coeffDict(), "evaluation", {"server", "client"})),
     remoteMesh_
@@ -535,7 +551,7 @@ void Foam::remoteMeshMotion::solve()
 }
 
 
-void Foam::remoteMeshMotion::updateMesh(const mapPolyMesh&)
+void Foam::remoteMeshMotion::refuseTopology() const
 {
     FatalErrorInFunction
         << "the topology of the mesh has changed, which remoteMeshMotion "
@@ -543,17 +559,7 @@ void Foam::remoteMeshMotion::updateMesh(const mapPolyMesh&)
 }
 
 
-bool Foam::remoteMeshMotion::writeObject
-(
-    #if OPENFOAM >= 2012
-    IOstreamOption,
-    #else
-    IOstream::streamFormat,
-    IOstream::versionNumber,
-    IOstream::compressionType,
-    #endif
-    const bool
-) const
+bool Foam::remoteMeshMotion::save() const
 {
     const fileName path(folder(mesh().time().timeName()));
     if (session_->isRefused())
@@ -577,16 +583,17 @@ bool Foam::remoteMeshMotion::writeObject
     {
         OFstream state(path/"state");
         state.precision(17);
-        state.writeEntry("step", session_->step() + (trial_ < 0 ? 0 : 1));
-        state.writeEntry("processors", Pstream::nProcs());
-        state.writeEntry("settings", digest());
+        state
+            << "step " << session_->step() + (trial_ < 0 ? 0 : 1) << ";\n"
+            << "processors " << Pstream::nProcs() << ";\n"
+            << "settings " << digest() << ";\n";
         if (window_ > 0)
         {
-            state.writeEntry("couplingWindow", window_);
+            state << "couplingWindow " << window_ << ";\n";
         }
         if (trial_ >= 0)
         {
-            state.writeEntry("trial", rows);
+            state << "trial " << rows << ";\n";
         }
     }
     return true;

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "remotePatches.H"
+#include "releases.H"
 #include "cyclicPolyPatch.H"
 #include "emptyPolyPatch.H"
 #include "processorPolyPatch.H"
@@ -27,7 +28,7 @@ const Foam::wordList& roleNames()
 Foam::wordList physicalNames(const Foam::polyBoundaryMesh& boundary)
 {
     Foam::wordList names(boundary.names());
-    names.setSize(boundary.nNonProcessor());
+    names.setSize(Foam::nNonProcessor(boundary));
     return names;
 }
 
@@ -36,7 +37,7 @@ Foam::wordList physicalNames(const Foam::polyBoundaryMesh& boundary)
 //  the same; its faces to other cells, if any, come after them
 Foam::label nPhysical(const Foam::pointVectorField& displacement)
 {
-    return displacement.mesh()().boundaryMesh().nNonProcessor();
+    return Foam::nNonProcessor(displacement.mesh()().boundaryMesh());
 }
 
 } // End anonymous namespace
@@ -86,8 +87,8 @@ Foam::word Foam::remotePatches::roleOf
     static const wordList typed({"empty", "wedge", "periodic"});
     if
     (
-        !roleNames().found(role)
-     || ((typed.found(role) || typed.found(standard)) && role != standard)
+        !contains(roleNames(), role)
+     || ((contains(typed, role) || contains(typed, standard)) && role != standard)
     )
     {
         FatalIOErrorInFunction(given)
@@ -149,7 +150,7 @@ Foam::remotePatches::remotePatches
     {
         roles_[patchi] = roleOf(mesh.boundaryMesh()[patchi], given);
     }
-    if (!roles_.found("moving"))
+    if (!contains(roles_, "moving"))
     {
         FatalIOErrorInFunction(given)
             << "no patch has the role moving" << nl << "    patches are "

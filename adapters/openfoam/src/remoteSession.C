@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "remoteSession.H"
 #include "Pstream.H"
+#include "releases.H"
 
 #include <iostream>
 
@@ -11,16 +12,11 @@ const char* const Foam::remoteSession::waitingHint =
 
 void Foam::remoteSession::readPatience()
 {
-    const entry* e = coeffs_.findEntry("onServerLoss");
-    if (!e)
+    if (!coeffs_.found("onServerLoss"))
     {
         return;
     }
-    tokenList given;
-    if (e->isStream())
-    {
-        given = e->stream();
-    }
+    const tokenList& given = coeffs_.lookup("onServerLoss");
     word choice;
     if (given.size() && given[0].isWord())
     {
@@ -63,8 +59,8 @@ mm_context* Foam::remoteSession::newContext() const
     // one without the other is a mistake, which get() reports
     if (coeffs_.found("secretKey") || coeffs_.found("serverKey"))
     {
-        fileName secret(coeffs_.get<fileName>("secretKey"));
-        string server(coeffs_.get<string>("serverKey"));
+        fileName secret(required<fileName>(coeffs_, "secretKey"));
+        string server(required<string>(coeffs_, "serverKey"));
         secret.expand();
         server.expand();
         mm_set_keys(context, secret.c_str(), server.c_str());
@@ -120,7 +116,7 @@ void Foam::remoteSession::awaitServer() const
 Foam::remoteSession::remoteSession(const dictionary& coeffs)
 :
     coeffs_(coeffs),
-    endpoint_(string(coeffs.get<string>("endpoint")).expand()),
+    endpoint_(string(required<string>(coeffs, "endpoint")).expand()),
     patience_(0),
     context_(newContext()),
     session_(nullptr),
@@ -206,7 +202,7 @@ void Foam::remoteSession::setMethod()
     }
     if (coeffs_.found("evaluation"))
     {
-        mm_set_evaluation(session_, coeffs_.get<word>("evaluation").c_str());
+        mm_set_evaluation(session_, required<word>(coeffs_, "evaluation").c_str());
     }
     if (mm_error(context_))
     {

@@ -44,6 +44,8 @@ _ALIGNED = {8: ("quad", [0, 1, 3, 2]), 11: ("hexahedron", [0, 1, 3, 2, 4, 5, 7, 
 _NO_CELLS = (0, 1, 2)
 _ODD = {4: "polylines", 6: "triangle strips", 7: "polygons", 15: "prisms", 16: "prisms", 42: "polyhedra"}
 _PREFIX = "patch_"
+#: meshio's arrays of numbers that name patches: of Gmsh, MED, Medit and Netgen; the first existing one is used.
+_NUMBERS = ("gmsh:physical", "cell_tags", "medit:ref", "netgen:index", "gmsh:geometrical")
 
 
 class Content(NamedTuple):
@@ -111,7 +113,10 @@ def from_pyvista(dataset: Any, wanted: Iterable[str]) -> Content:
 
 
 def from_meshio(mesh: Any, wanted: Iterable[str]) -> Content:
-    """Return the content of a ``meshio.Mesh``; its patches are sets of points or cells, or Gmsh's named groups."""
+    """Return the content of a ``meshio.Mesh``; patches are sets of points or cells, Gmsh's named groups, or numbers.
+
+    A patch of curves is ``curve_<number>`` where a surface has that number, as in files.
+    """
     if not all(hasattr(mesh, name) for name in ("points", "cells", "point_sets", "cell_sets", "field_data")):
         raise InvalidInput(
             f"expected a meshio.Mesh, got {type(mesh).__name__}", hint="meshio.read(…), or Mesh.load of a file"
@@ -127,9 +132,27 @@ def from_meshio(mesh: Any, wanted: Iterable[str]) -> Content:
     for name, (number, _) in mesh.field_data.items():
         marked = zip(mesh.cells, groups, strict=False)
         found.setdefault(name, _nodes(block.data[np.asarray(group) == number] for block, group in marked))
+    for name, nodes in _numbered(mesh).items():
+        found.setdefault(name, nodes)
     _check_patches("the sets of points and cells", wanted, found)
     patches = {name: found[name] for name in wanted}
     return _content(mesh.points, {name: np.concatenate(parts) for name, parts in blocks.items()}, patches)
+
+
+def _numbered(mesh: Any) -> dict[str, Ints]:
+    """The nodes of each number below the cells' dimension, in the first of :data:`_NUMBERS`."""
+    array: list[Any] = next((mesh.cell_data[name] for name in _NUMBERS if name in mesh.cell_data), [])
+    of = [_TYPES[block.type][0] if block.type in _TYPES else 0 for block in mesh.cells]
+    found: dict[str, Ints] = {}
+    for dimension in range(max(of, default=0) - 1, 0, -1):
+        marked = zip(mesh.cells, array, of, strict=False)
+        own = [(block.data, np.asarray(numbers)) for block, numbers, kind in marked if kind == dimension]
+        taken = set(found)
+        for number in np.unique(np.concatenate([np.empty(0, np.int64), *(numbers for _, numbers in own)])).tolist():
+            if number:
+                name = f"curve_{int(number)}" if str(int(number)) in taken else str(int(number))
+                found[name] = _nodes(nodes[numbers == number] for nodes, numbers in own)
+    return found
 
 
 # --- Gmsh ------------------------------------------------------------------------------------------------------------

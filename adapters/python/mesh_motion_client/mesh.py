@@ -177,8 +177,8 @@ class Mesh(Described):
         ----------
         mesh : meshio.Mesh
         roles : dict
-            Name of each patch → its role. A patch is a set of points, a set of cells, or a named physical group of
-            Gmsh.
+            Name of each patch → its role. A patch is a set of points, a set of cells, a named physical group of Gmsh,
+            or a number in ``gmsh:physical``, ``cell_tags``, ``medit:ref``, ``netgen:index`` or ``gmsh:geometrical``.
 
         Raises
         ------

@@ -73,10 +73,15 @@ class _Axes:
 
 @dataclass(eq=False)
 class _Content:
-    """``elements``: {(our type, largest number of nodes): [[property, nodes…]]}, 0 for a node that is left out."""
+    """The cards.
+
+    elements : {(our type, largest number of nodes): [[property, nodes…]]}, 0 for a node that is left out
+    systems : the coordinate system of each node, -1 for the ``usual`` one
+    """
 
     numbers: list[int] = field(default_factory=list)
     systems: list[int] = field(default_factory=list)
+    usual: int = 0
     points: list[list[float]] = field(default_factory=list)
     elements: dict[tuple[str, int], list[list[int]]] = field(default_factory=lambda: defaultdict(list))
     axes: dict[int, _Axes] = field(default_factory=dict)
@@ -85,7 +90,7 @@ class _Content:
         """Add a card; cards that do not describe the mesh are skipped."""
         if name == "GRID":
             self.numbers.append(int(fields[0]))
-            self.systems.append(int(fields[1] or 0))
+            self.systems.append(int(fields[1] or -1))
             self.points.append([_real(word) for word in fields[2:5]])
         elif name in _ELEMENTS:
             kind, most = _ELEMENTS[name]
@@ -94,8 +99,8 @@ class _Content:
             if len(nodes) < count or min(nodes[:count]) < 1:
                 raise ValueError(f"nodes {nodes}, expected {count} numbers from 1")
             self.elements[kind, most].append([int(fields[1] or fields[0]), *nodes, *[0] * (most - len(nodes))])
-        elif name == "GRDSET" and fields[1] not in ("", "0"):
-            raise ValueError(f"the coordinate system {fields[1]} for all nodes; name it in each GRID")
+        elif name == "GRDSET":
+            self.usual = int(fields[1] or 0)
         elif name in ("CORD2R", "CORD2C", "CORD2S"):
             origin, above, beyond = np.array([_real(word) for word in fields[2:11]]).reshape(3, 3)
             self.axes[int(fields[0])] = _Axes(name[-1], int(fields[1] or 0), origin, above, beyond)
@@ -106,6 +111,7 @@ class _Content:
         Raises ValueError for a system that is not there, or that refers to itself.
         """
         points, systems = np.array(self.points), np.array(self.systems)
+        systems[systems < 0] = self.usual
         for system in np.unique(systems[systems != 0]).tolist():
             own = systems == system
             points[own] = self._basic(system, points[own], ())

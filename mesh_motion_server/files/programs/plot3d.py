@@ -2,7 +2,7 @@
 
 Cells on both sides of faces with the same four corners become neighbours: blocks that touch, the cut of an O-grid, the
 wake of a C-grid. The other faces of the blocks become patches, one for each side: ``imin``, of several blocks
-``block2_imin``.
+``block2_imin``. A face without area, at an axis, is on no patch; its corners at one place become one node.
 
 https://www.grc.nasa.gov/www/wind/valid/plot3d.html
 """
@@ -123,7 +123,7 @@ def _numbers(path: Path, data: bytes) -> bytearray | Floats:
 
 
 def _read(path: Path) -> MeshFile:
-    """Read a grid. Raises InvalidInput if no layout fits the file, and for sides without area."""
+    """Read a grid. Raises InvalidInput if no layout fits the file."""
     try:
         grid = _grid(path, path.read_bytes())
         number, free = _joined(grid)
@@ -163,15 +163,13 @@ def _joined(grid: _Grid) -> tuple[Integers, _Sides]:
         named += [(block, prefix + name, faces) for name, faces in _block_sides(counts)]
     corners = np.concatenate([first[block] + faces for block, _, faces in named])
     keys = np.sort(place[corners], axis=1)
-    flat = (np.diff(keys, axis=1) == 0).any(axis=1)
-    if flat.any():
-        ends = np.cumsum([len(faces) for *_, faces in named])
-        block, name, _ = named[int(np.searchsorted(ends, np.argmax(flat), side="right"))]
-        raise ValueError(f"a face of the side {name} of block {block + 1} has two corners at one place: it is not read")
+    again = np.diff(keys, axis=1, prepend=-1) == 0
+    keys = np.sort(np.where(again, -1, keys), axis=1)
+    flat = (~again).sum(axis=1) < min(corners.shape[1], 3)
     _, kind, times = np.unique(keys, axis=0, return_inverse=True, return_counts=True)
-    twice = times[kind.ravel()] > 1
+    twice = (times[kind.ravel()] > 1) | flat
     number = np.arange(len(points))
-    inner = np.unique(corners[twice])
+    inner = np.unique(corners[twice | again.any(axis=1)])
     _, index, row = np.unique(place[inner], return_index=True, return_inverse=True)
     number[inner] = inner[index][row]
     _, number = np.unique(number, return_inverse=True)

@@ -1,10 +1,14 @@
+# Copyright Spack Project Developers. See COPYRIGHT file for details.
+#
+# SPDX-License-Identifier: (Apache-2.0 OR MIT)
+
 from spack_repo.builtin.build_systems.python import PythonPackage
 
 from spack.package import *
 
 
 class PyMeshMotionClient(PythonPackage):
-    """Python client of the mesh-motion server, which moves the volume mesh of a fluid-structure interaction run."""
+    """Python client of the mesh-motion server, which moves the volume mesh of a coupled run."""
 
     pypi = "mesh-motion-client/mesh_motion_client-0.1.0.tar.gz"
 

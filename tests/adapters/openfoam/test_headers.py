@@ -15,10 +15,11 @@ SOURCES = [Path(name) for name in os.environ.get("OPENFOAM_SOURCES", "").split(o
 
 @pytest.mark.nightly
 @pytest.mark.skipif(shutil.which("g++") is None, reason="no C++ compiler")
-@pytest.mark.skipif(not SOURCES, reason="OPENFOAM_SOURCES names no folder with the sources of v2012 or later")
+@pytest.mark.skipif(not SOURCES, reason="OPENFOAM_SOURCES names no folder with the sources of a release")
 @pytest.mark.parametrize("release", SOURCES, ids=lambda path: path.name)
 def test_each_file_compiles_against_the_headers_of_a_release(release, tmp_path):
-    api = re.search(r"api=(\d+)", (release / "META-INFO" / "api-info").read_text())[1]
+    info = release / "META-INFO" / "api-info"  # the Foundation's releases have none, and define no OPENFOAM
+    api = re.findall(r"api=(\d+)", info.read_text()) if info.exists() else []
     includes = []
     for part in [*PARTS, "fvMotionSolver"]:
         folder = tmp_path / part
@@ -27,7 +28,8 @@ def test_each_file_compiles_against_the_headers_of_a_release(release, tmp_path):
             if "lnInclude" not in path.parts and not (folder / path.name).exists():
                 (folder / path.name).symlink_to(path.resolve())
         includes += ["-isystem", folder]
-    options = f"-std=c++14 -m64 -DOPENFOAM={api} -DWM_DP -DWM_LABEL_SIZE=32 -DNoRepository -ftemplate-depth-100".split()
+    options = ["-std=c++14", "-m64", "-DWM_DP", "-DWM_LABEL_SIZE=32", "-DNoRepository", "-ftemplate-depth-100"]
+    options += [f"-DOPENFOAM={number}" for number in api]
     for path in sorted((ADAPTER / "src").glob("*.C")):
         command = ["g++", "-fsyntax-only", *options, *includes, "-I", ADAPTER.parent / "c" / "include", path]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
