@@ -124,15 +124,15 @@ def with_reach(
     basis, radius, mean_radius = method.basis, method.support_radius, 0.0
     alone = method.correction in ("none", "smooth") and method.reduction == "none" and periodic is None
     smoothing = []
-    body = _longest_side(points[roles.moving]) if len(roles.moving) else 0.0
+    box = bounding_box(points[roles.moving]) if len(roles.moving) else np.zeros((2, points.shape[1]))
+    sides = np.sort(np.ptp(box, axis=0))
+    body = float(sides[-1])
     if alone and body > 0.0:
         if method.correction == "smooth":
-            sides = np.sort(np.ptp(bounding_box(points[roles.moving]), axis=0))
-            section = float(sides[-2:].min()) if len(sides) > 2 else body
+            section = float(sides[1]) if len(sides) > 2 else body
             pairs = _SMOOTH[len(sides)], _SMOOTH_LAYER
             smoothing = [Smoothing(wave * section, radii) for wave, radii in pairs]
-        middle = bounding_box(points[roles.moving]).mean(axis=0)
-        away = float(np.linalg.norm(points[roles.fixed] - middle, axis=1).min(initial=np.inf))
+        away = float(np.linalg.norm(points[roles.fixed] - box.mean(axis=0), axis=1).min(initial=np.inf))
         far = _FAR * body <= away < np.inf
         large = far or _longest_side(points) > _LARGE * body
         if large and radius is None and basis in (DEFAULT_BASIS, MULTISCALE):

@@ -17,12 +17,13 @@ import numpy as np
 from mesh_motion_protocol.errors import InvalidInput
 
 from mesh_motion_numerics.arrays import Floats
+from mesh_motion_numerics.mesh.revolution import across
 from mesh_motion_numerics.mesh.rigid_transforms import Transform
 
 __all__ = ["OpenSector"]
 
 
-_SAME = 1e-6  # a radius below this share of the mesh is none; so are parts of a direction
+_SAME = 1e-6  # a radius below this share of the mesh is none
 #: Share of the largest radius that is suggested: rounded to two digits, it is below the largest.
 _SUGGESTED = 0.95
 
@@ -66,14 +67,12 @@ class OpenSector:
         what = f"the periodic sides are {math.degrees(angle):.6g}° apart, no whole fraction of a turn"
         if any(one.turns for one in others):
             raise _refused(f"{what}, and other periods rotate too")
-        gap = np.eye(points.shape[1]) - turn.rotation
-        flat = np.linalg.pinv(gap, rcond=_SAME) @ gap  # onto the plane across the axis
-        arms = (points - np.linalg.lstsq(gap, turn.shift, rcond=_SAME)[0]) @ flat.T
+        arms = across(turn, points)
         inner = float(np.linalg.norm(arms, axis=1).min())
         middle = arms.mean(axis=0)
-        across = turn.rotation @ middle
-        across = across - middle * (across @ middle) / (middle @ middle)
-        place = np.arctan2(arms @ across / np.linalg.norm(across), arms @ middle / np.linalg.norm(middle))
+        side = turn.rotation @ middle
+        side = side - middle * (side @ middle) / (middle @ middle)
+        place = np.arctan2(arms @ side / np.linalg.norm(side), arms @ middle / np.linalg.norm(middle))
         width = float(np.ptp(place))
         found = cls(turn, others, angle, width, inner)
         if width >= math.pi or found.largest_radius < _SAME * float(np.ptp(points, axis=0).max()):

@@ -7,7 +7,7 @@ import numpy as np
 from mesh_motion_numerics.arrays import Floats
 from mesh_motion_numerics.mesh.rigid_transforms import Transform
 
-__all__ = ["OFF", "about", "turned_to", "turns_onto_itself"]
+__all__ = ["OFF", "about", "across", "turned_to", "turns_onto_itself"]
 
 
 #: The facets may leave such a surface by this share of a rotation (root mean square) about its axis.
@@ -16,15 +16,26 @@ OFF = 0.07
 
 def about(turn: Transform, places: Floats) -> Floats:
     """(m, d) velocities of places (m, d) in the rotation about the axis of a ``turn``, by one radian."""
-    skew = turn.rotation - turn.rotation.T
-    return np.asarray(_across(turn, places) @ skew.T / np.sqrt(0.5 * np.sum(skew * skew)))
+    return np.asarray(across(turn, places) @ _cross(turn).T)
 
 
-def _across(turn: Transform, places: Floats) -> Floats:
+def across(turn: Transform, places: Floats) -> Floats:
     """(m, d) vectors from the axis of a ``turn`` to places (m, d), across the axis."""
+    centre, flat = _axis(turn)
+    return np.asarray((places - centre) @ flat.T)
+
+
+def _axis(turn: Transform) -> tuple[Floats, Floats]:
+    """A point (d,) on the axis of a ``turn``, and the projection (d, d) onto the plane across it."""
     gap = np.eye(len(turn.shift)) - turn.rotation
     inverse = np.linalg.pinv(gap, rcond=1e-9)
-    return np.asarray((places - inverse @ turn.shift) @ (inverse @ gap).T)
+    return inverse @ turn.shift, inverse @ gap
+
+
+def _cross(turn: Transform) -> Floats:
+    """(d, d) the cross product with the unit vector of a turn's axis, that is a quarter turn across it."""
+    skew = turn.rotation - turn.rotation.T
+    return np.asarray(skew / np.sqrt(0.5 * np.sum(skew * skew)))
 
 
 def turns_onto_itself(corners: Floats, turn: Transform) -> bool:
@@ -50,11 +61,10 @@ def turned_to(places: Floats, reference: Floats, turn: Transform) -> tuple[Float
     (m, d), (m, d, d), (m, d) arrays
         The turned places, and R, s of the inverse: place = R turned + s.
     """
-    d, skew = places.shape[1], turn.rotation - turn.rotation.T
-    cross = skew / np.sqrt(0.5 * np.sum(skew * skew))
-    now, rest = _across(turn, places), _across(turn, reference)
+    d, cross = places.shape[1], _cross(turn)
+    now, rest = across(turn, places), across(turn, reference)
     angle = np.arctan2(np.sum(now * (rest @ cross.T), axis=1), np.sum(now * rest, axis=1))[:, None, None]
     rotations = np.eye(d) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * (cross @ cross)
-    centre = np.linalg.pinv(np.eye(d) - turn.rotation, rcond=1e-9) @ turn.shift
+    centre, _ = _axis(turn)
     shifts = centre - rotations @ centre
     return np.einsum("mij,mi->mj", rotations, places - shifts), rotations, shifts
