@@ -14,6 +14,7 @@ from mesh_motion_numerics.method import Method
 from mesh_motion_numerics.motion.motion import MotionModel
 
 from docs.studies.aerofoil_grids import o_grid
+from docs.studies.beyond.slip_and_periodic import Duct
 from mesh_motion_server.session.factors import FactorCache
 
 PLAIN = {"correction": "none", "displacement": "absolute"}
@@ -50,7 +51,15 @@ def test_a_shift_is_carried_into_the_far_field():
     assert slope.max() < 3.0 * np.linalg.norm(shift) / 1.7
 
 
-@pytest.mark.parametrize("make", [lambda: far_block("quad", 40), aerofoil, cusped_aerofoil, bare_aerofoil])
+def between_periodic_sides():
+    duct = Duct.build(2, 60, 0.0)
+    sides = {f"{'xy'[a]}{end}": Patch(("fixed", "periodic")[a], duct.on(a, end)) for a in (0, 1) for end in (0, 1)}
+    return duct.points, duct.cells, {"body": Patch("moving", duct.body), **sides}
+
+
+@pytest.mark.parametrize(
+    "make", [lambda: far_block("quad", 40), aerofoil, cusped_aerofoil, bare_aerofoil, between_periodic_sides]
+)
 def test_noise_of_the_boundary_moves_no_node_much_more(make):
     points, cells, patches = make()
     model, factors = MotionModel.build(points, cells, patches, Method()), FactorCache(1 << 28)

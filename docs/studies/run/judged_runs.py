@@ -82,10 +82,10 @@ def _prisms(layer: LayerMesh) -> Run:
     return Run(mesh, lambda x, s: bent_wing(x, 0.5 * s), share=0.25)
 
 
-def _in_duct(bend: float) -> Run:
-    """A block in a duct whose walls slide."""
-    duct = Duct.build(2, 15, bend)
-    sides = {f"{'xy'[a]}{end}": Patch(("fixed", "slip")[a], duct.on(a, end)) for a in (0, 1) for end in (0, 1)}
+def _in_duct(bend: float, walls: str = "slip", n: int = 15) -> Run:
+    """A block in a duct of n boxes along each axis, whose walls have a role."""
+    duct = Duct.build(2, n, bend)
+    sides = {f"{'xy'[a]}{end}": Patch(("fixed", walls)[a], duct.on(a, end)) for a in (0, 1) for end in (0, 1)}
     mesh = StoredMesh(duct.points, duct.cells, {"body": Patch("moving", duct.body), **sides})
     return Run(mesh, lambda x, s: x + s * np.array([0.1, 0.2]))
 
@@ -104,6 +104,7 @@ RUNS: dict[str, Callable[[], Run]] = {
     "hexahedra, ± 40°": lambda: Run(stored("examples/hexahedral_box/mesh"), _turning(40.0), share=0.25),
     "plane slip walls": lambda: _in_duct(0.0),
     "curved slip walls": lambda: _in_duct(BEND),
+    "periodic sides": lambda: _in_duct(0.0, "periodic", 60),
     "flag on two ranks": lambda: _flag(share=0.25, ranks=True),
 }
 QUICK = "plane slip walls"

@@ -10,11 +10,12 @@ and positive definite if the basis is. The support must be compact, so that the 
 come closer than R to a point of evaluation.
 
 If control points are so close to each other or to an image that the matrix would be singular, they are interpolated by
-narrower levels, as on other boundaries (:mod:`.two_scale.factorization`).
+narrower levels, and a first level may be smoothed, as on other boundaries (:mod:`.two_scale.factorization`).
 """
 
 import hashlib
 from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple
 
 import mesh_motion_kernels as kernels
@@ -35,16 +36,18 @@ from mesh_motion_numerics.interpolation.interpolant import Factorization, Interp
 from mesh_motion_numerics.interpolation.kernels import Basis, basis_named, checked_radius
 from mesh_motion_numerics.interpolation.two_scale.compact_levels import (
     BASIS,
-    CLOSEST,
     LEVEL_RADII,
     LEVEL_RATIO,
-    MAX_LEVELS,
+    nested_members,
+    scales_of_all,
 )
 from mesh_motion_numerics.interpolation.two_scale.factorization import SEPARATION
 from mesh_motion_numerics.interpolation.two_scale.interpolant import TwoScaleInterpolant
+from mesh_motion_numerics.interpolation.two_scale.smoothing import Smoothing
 from mesh_motion_numerics.mesh.open_sector import OpenSector
 from mesh_motion_numerics.mesh.points import padded
 from mesh_motion_numerics.mesh.rigid_transforms import Transform, generated_group
+from mesh_motion_numerics.mesh.spacing import local_spacing
 from mesh_motion_numerics.method import Method
 
 __all__ = ["PeriodicFactorization", "periodic_factorization_of"]
@@ -124,6 +127,8 @@ def periodic_factorization_of(
     method: Method,
     factors: FactorSource,
     sector: OpenSector | None = None,
+    smoothing: Smoothing | None = None,
+    moving: Marks | None = None,
 ) -> Factorization:
     """Return the factorization of periodic control points.
 
@@ -135,38 +140,54 @@ def periodic_factorization_of(
         Least and largest coordinates of the points where the interpolant will be evaluated.
     sector : OpenSector, optional
         That of the generators.
+    smoothing : Smoothing, optional
+        Of the first level, with the ``moving`` (nc,) control points.
     """
-    digest = hashlib.sha256(repr(("periodic", method.basis, method.support_radius)).encode())
-    for array in (control_points, box, *(a for g in generators for a in (g.rotation, g.shift))):
+    digest = hashlib.sha256(repr(("periodic", method.basis, method.support_radius, smoothing)).encode())
+    moving = np.ones(len(control_points), dtype=bool) if moving is None or not moving.any() else moving
+    for array in (control_points, box, moving, *(a for g in generators for a in (g.rotation, g.shift))):
         digest.update(np.ascontiguousarray(array).data)
-    images = _Group(generators, sector)
-    return factors.get_or_make(digest.digest(), lambda: _factorize(control_points, images, box, method))[0]
+
+    def made() -> Factorization:
+        return _factorize(control_points, _Group(generators, sector), box, method, smoothing, moving)
+
+    return factors.get_or_make(digest.digest(), made)[0]
 
 
-def _factorize(control_points: Floats, group: _Group, box: Floats, method: Method) -> Factorization:
+def _factorize(
+    control_points: Floats, group: _Group, box: Floats, method: Method, smoothing: Smoothing | None, moving: Marks
+) -> Factorization:
     basis = basis_named(method.basis)
     radius = checked_radius(method.support_radius, basis)
     points = checked_control_points(control_points)
     images = _near_images(points, group, box, radius)
     tree = cKDTree(images.places)
     pairs = images.owners[tree.query_pairs(SEPARATION * radius, output_type="ndarray")]
-    if not np.any(pairs[:, 0] != pairs[:, 1]):
+    single = not np.any(pairs[:, 0] != pairs[:, 1])
+    if single and smoothing is None:
         return _level(points, images, basis, radius)
-    closest = _closest(images)
-    members = np.empty(0, dtype=np.int64)
-    levels: list[tuple[Integers, PeriodicFactorization]] = []
-    for scale in SEPARATION * radius * LEVEL_RATIO ** -np.arange(MAX_LEVELS, dtype=np.float64):
-        reach = radius if not levels else LEVEL_RADII[points.shape[1]] * scale
-        last = bool(levels) and scale <= CLOSEST * closest
-        found = np.arange(len(points)) if last else _separated(images, len(points), scale, members)
-        if len(found) > len(members):
-            members = found
-            own = points[members]
-            level = _level(own, _near_images(own, group, box, reach), BASIS if levels else basis, reach)
-            levels.append((members, level))
-        if len(members) == len(points):
-            break
+    none = np.empty(0, dtype=np.int64)
+    first = np.arange(len(points)) if single else _separated(images, len(points), SEPARATION * radius, none)
+    near = images if single else _near_images(points[first], group, box, radius)
+    shares = None if smoothing is None else _shares(smoothing, near, basis, radius)[: len(first)]
+    levels = [(first, _level(points[first], near, basis, radius, shares))]
+    if smoothing is None:
+        scale, radii = SEPARATION * radius / LEVEL_RATIO, LEVEL_RADII[points.shape[1]]
+        scales = scale, scale
+    else:
+        scales, radii = scales_of_all(local_spacing(points), moving), smoothing.radii
+    separated = partial(_separated, images, len(points))
+    held = first if smoothing is None else none
+    for scale, members in nested_members(len(points), _closest(images), scales, held, separated):
+        reach = min(radii * scale, radius)  # a sector may allow no larger radius
+        near = _near_images(points[members], group, box, reach)
+        levels.append((members, _level(points[members], near, BASIS, reach)))
     return PeriodicLevels(points, levels)
+
+
+def _shares(smoothing: Smoothing, images: _Images, basis: Basis, radius: float) -> Floats:
+    """λ (i,) of the images, of which all count as nodes of the wall."""
+    return smoothing.shares(basis, radius, images.places, local_spacing(images.places))
 
 
 def _closest(images: _Images) -> float:
@@ -187,14 +208,18 @@ def _separated(images: _Images, count: int, separation: float, first: Integers) 
     return np.flatnonzero(taken[rank])
 
 
-def _level(points: Floats, images: _Images, basis: Basis, radius: float) -> PeriodicFactorization:
-    """Return the interpolation from all of some control points (nc, d)."""
+def _level(
+    points: Floats, images: _Images, basis: Basis, radius: float, smoothing: Floats | None = None
+) -> PeriodicFactorization:
+    """Return the interpolation from all of some control points (nc, d), with λ (nc,) added to the diagonal."""
     layout = CentreLayout.build(images.places, basis, radius)
     order = points.size if images.rotations is not None else len(points)
     make = _sparse if order > _DENSE_ORDER else _dense
-    return PeriodicFactorization(
-        points, basis, radius, images, layout, make(points, images, layout, basis=basis, radius=radius)
-    )
+    more = _braces(points, images)
+    if smoothing is not None:
+        more += smoothing[:, None, None] * np.eye(more.shape[1])
+    system = make(points, images, layout, basis=basis, radius=radius, more=more)
+    return PeriodicFactorization(points, basis, radius, images, layout, system)
 
 
 @dataclass(frozen=True, eq=False)
@@ -261,8 +286,10 @@ def _near_images(points: Floats, group: _Group, box: Floats, radius: float) -> _
     return _Images(owners, places, rotations)
 
 
-def _dense(points: Floats, images: _Images, layout: CentreLayout, *, basis: Basis, radius: float) -> LinearSolver:
-    """Cholesky factor of the matrix, of order nc or nc · d."""
+def _dense(
+    points: Floats, images: _Images, layout: CentreLayout, *, basis: Basis, radius: float, more: Floats
+) -> LinearSolver:
+    """Cholesky factor of the matrix, of order nc or nc · d, with blocks ``more`` (nc, 1, 1) or (nc, d, d) added."""
     del layout
     rows, width = padded(points), 1 if images.rotations is None else points.shape[1]
     by_owner = np.argsort(images.owners, kind="stable")
@@ -279,57 +306,56 @@ def _dense(points: Floats, images: _Images, layout: CentreLayout, *, basis: Basi
         turned = values[:, None, :, None] * np.swapaxes(images.rotations[chosen], 0, 1)[None]
         return np.asarray(np.add.reduceat(turned, groups, axis=2).reshape(len(values) * width, -1))
 
-    braces = _braces(points, images)
-
     def panel(first: int, last: int) -> Floats:
         """Columns first … last of the matrix, from the diagonal down."""
         low, high = first // width, -(-last // width)
         share = max(1, _IMAGES_AT_ONCE * len(points) // len(images.owners))
         parts = [columns(at, min(at + share, high), low) for at in range(low, high, share)]
         block = np.concatenate(parts, axis=1)
-        for j in range(low, high):
-            if j in braces:
-                own = slice((j - low) * width, (j - low + 1) * width)
-                block[own, own] += braces[j]
+        own = np.arange((high - low) * width).reshape(-1, width)
+        block[own[:, :, None], own[:, None, :]] += more[low:high]
         skip = first - low * width
         return np.ascontiguousarray(block[skip:, skip : skip + last - first])
 
     return PanelCholesky(len(points) * width, panel)
 
 
-def _braces(points: Floats, images: _Images) -> dict[int, Floats]:
-    """A stiffness (d, d) for each control point on an axis, in the directions in which its images cancel each other."""
+def _braces(points: Floats, images: _Images) -> Floats:
+    """(nc, d, d) stiffness of control points on an axis, in the directions in which their images cancel each other.
+
+    (nc, 1, 1) zeros if no image turns.
+    """
+    d = 1 if images.rotations is None else points.shape[1]
+    found = np.zeros((len(points), d, d))
     if images.rotations is None:
-        return {}
+        return found
     here = np.flatnonzero(
         np.linalg.norm(images.places - points[images.owners], axis=1) <= _SAME_PLACE * np.ptp(images.places)
     )
     several, counts = np.unique(images.owners[here], return_counts=True)
-    found = {}
     for j in several[counts > 1]:
         total = images.rotations[here[images.owners[here] == j]].sum(axis=0)
         sizes, directions = np.linalg.eigh(0.5 * (total + total.T))
         lost = directions[:, sizes < 0.5]
-        found[int(j)] = lost @ lost.T
+        found[j] = lost @ lost.T
     return found
 
 
-def _sparse(points: Floats, images: _Images, layout: CentreLayout, *, basis: Basis, radius: float) -> LinearSolver:
-    """Factors of the sparse matrix, of order nc or nc · d."""
-    nc, d = points.shape
+def _sparse(
+    points: Floats, images: _Images, layout: CentreLayout, *, basis: Basis, radius: float, more: Floats
+) -> LinearSolver:
+    """Factors of the sparse matrix, as :func:`_dense`."""
+    nc = len(points)
     among = sparse_matrix(layout, basis, radius).tocoo()
     row, column = layout.order[among.row], layout.order[among.col]
     kept = row < nc  # the first images are the control points themselves
     row, column, values = row[kept], column[kept], among.data[kept]
     owners = images.owners[column]
-    if images.rotations is None:
-        return SparseFactor(csr_array(coo_array((values, (row, owners)), shape=(nc, nc))), np.arange(nc))
-    turned = values[:, None, None] * images.rotations[column]
-    a, b = np.indices((d, d))
-    rows, columns = row[:, None, None] * d + a, owners[:, None, None] * d + b
-    matrix = csr_array(coo_array((turned.ravel(), (rows.ravel(), columns.ravel())), shape=(nc * d, nc * d)))
-    for j, brace in _braces(points, images).items():
-        own = j * d + np.arange(d)
-        extra = (brace.ravel(), (np.repeat(own, d), np.tile(own, d)))
-        matrix = csr_array(matrix + csr_array(coo_array(extra, shape=matrix.shape)))
-    return SparseFactor(matrix, np.arange(nc * d))
+    width = more.shape[1]
+    turned = values[:, None, None] * (1.0 if images.rotations is None else images.rotations[column])
+    own = np.arange(nc)
+    row, owners = np.concatenate([row, own]), np.concatenate([owners, own])
+    a, b = np.indices((width, width))
+    rows, columns = row[:, None, None] * width + a, owners[:, None, None] * width + b
+    entries = np.concatenate([turned, more]).ravel(), (rows.ravel(), columns.ravel())
+    return SparseFactor(csr_array(coo_array(entries, shape=(nc * width, nc * width))), np.arange(nc * width))

@@ -58,7 +58,7 @@ _DOMAIN_LENGTHS, _BODIES = 2.5, 20.0
 _LARGE, _FAR, _NEAR, _MEAN = 3.5, 5.0, 10.0, 1.6
 #: Shortest wave of the boundary that the first level follows, in B (in 3D in the second side, as the longest may be the
 #: span), and the radii of the narrow levels in spacings: by dimension without layers that move with their walls, and
-#: with them. Noise of the boundary reaches the nodes of 29 meshes up to 9 times as large, without smoothing up to
+#: with them. Noise of the boundary reaches the nodes of 31 meshes up to 10 times as large, without smoothing up to
 #: hundreds of times. With a shorter wave or wider levels the noise grows: 15 times with 16 spacings. With a longer wave
 #: or narrower levels, first cells turn: at the sharp edges of aerofoils that turn by 45° by 1.9° to 3.5° (1.6° to 1.7°
 #: without smoothing), with 0.15 B and 6 spacings by up to 5°. First cells of a layer that moves with its wall do not
@@ -119,7 +119,7 @@ def with_reach(
     ----------
     points : (n, d) array, mesh length unit
     periodic : PeriodicNodes or None
-        Those of a mesh with periodic patches: then the body has images.
+        Those of a mesh with periodic patches: then the body has images, and Wendland's C2 function.
 
     Raises
     ------
@@ -127,7 +127,7 @@ def with_reach(
         If the support reaches around the axis of an :class:`.OpenSector`.
     """
     basis, radius, mean_radius = method.basis, method.support_radius, 0.0
-    alone = method.correction in ("none", "smooth") and method.reduction == "none" and periodic is None
+    alone = method.correction in ("none", "smooth") and method.reduction == "none"
     smoothing = []
     box = bounding_box(points[roles.moving]) if len(roles.moving) else np.zeros((2, points.shape[1]))
     sides = np.sort(np.ptp(box, axis=0))
@@ -141,7 +141,7 @@ def with_reach(
             smoothing = [Smoothing(max(wave * section, shortest), radii) for wave, radii in pairs]
         away = float(np.linalg.norm(points[roles.fixed] - box.mean(axis=0), axis=1).min(initial=np.inf))
         far = _FAR * body <= away < np.inf
-        large = far or _longest_side(points) > _LARGE * body
+        large = periodic is None and (far or _longest_side(points) > _LARGE * body)
         if large and radius is None and basis in (DEFAULT_BASIS, MULTISCALE):
             basis, radius = MULTISCALE, float(f"{_NEAR * body:.2g}")
             mean_radius = float(f"{_MEAN * away:.2g}") if far else 0.0

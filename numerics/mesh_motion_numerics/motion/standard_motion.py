@@ -372,7 +372,10 @@ class StandardMotion:
         """The factorization of all control nodes (c,), at ``origin`` (c, d) in the mesh ``points`` (n, d)."""
         if self.periodic is not None:
             images, box = self.periodic.generators, bounding_box(points)
-            return periodic_factorization_of(origin, images, box, self.method, factors, self.periodic.open_sector)
+            return periodic_factorization_of(
+                origin, images, box, self.method, factors, self.periodic.open_sector,
+                self._smoothing, ~np.isin(controls, self.roles.fixed),
+            )  # fmt: skip
         found = self._in_scales(points, origin, controls, factors)
         if not self.reach.mean_radius:
             return found

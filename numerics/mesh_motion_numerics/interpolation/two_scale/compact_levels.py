@@ -18,9 +18,9 @@ Phys. 345 (2017) 732–751.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from mesh_motion_protocol.errors import QualityRefused
@@ -39,15 +39,15 @@ from mesh_motion_numerics.mesh.points import padded
 
 __all__ = [
     "BASIS",
-    "CLOSEST",
     "LEVEL_RADII",
     "LEVEL_RATIO",
-    "MAX_LEVELS",
     "CompactLevel",
     "CompactSystem",
     "compact_levels",
     "levels_below",
     "levels_of_all",
+    "nested_members",
+    "scales_of_all",
 ]
 
 
@@ -63,9 +63,9 @@ LEVEL_RADII = {1: 16.0, 2: 16.0, 3: 6.0}
 #: Largest gap between coarse points, in units of the scale of the widest level.
 _GAP = 6.0
 #: The last level takes the remaining nodes if they are at most this much closer than its scale.
-CLOSEST = 16.0
+_CLOSEST = 16.0
 #: Largest number of levels: enough for spacings from the extent of a mesh down to its rounding.
-MAX_LEVELS = 32
+_MAX_LEVELS = 32
 _ROUNDING = 1e-9
 #: Smallest distance of a level's nodes in units of its spacing. It is a little less than the next radius, so that all
 #: nodes are taken that the level does not connect. Closer nodes would multiply the entries of every matrix and bring no
@@ -127,19 +127,18 @@ def compact_levels(
     """
     low, high = np.percentile(spacing[moving], [_CLOSE, _WIDE], method="nearest")
     wider = max(math.ceil(math.log(max(high, gap / _GAP) / low, LEVEL_RATIO)) - 1, 0)
-    return _levels(points, spacing, _nested(points, float(low) * LEVEL_RATIO**wider, coarse), float(low), _RADII)
+    scales = float(low), float(low) * LEVEL_RATIO**wider
+    return _levels(points, float(spacing.min()), scales, coarse, _RADII)
 
 
 def levels_of_all(points: Floats, spacing: Floats, moving: Marks, radii: float) -> list[CompactLevel]:
     """The levels of a boundary whose coarse field has all nodes but is smoothed, widest first.
 
-    The same as :func:`compact_levels`, with the radius of a level in units of its spacing. The widest level has the
-    spacing of the moving nodes where it is coarse.
+    The same as :func:`compact_levels`, with the radius of a level in units of its spacing.
     """
-    low, high = np.percentile(spacing[moving if moving.any() else ~moving], [_CLOSE, _WIDE], method="nearest")
-    wider = math.ceil(math.log(high / low, LEVEL_RATIO) - _ROUNDING)
-    nested = _nested(points, float(low) * LEVEL_RATIO**wider, np.empty(0, np.int64))
-    return [replace(level, direct=True) for level in _levels(points, spacing, nested, float(low), radii)]
+    scales = scales_of_all(spacing, moving)
+    levels = _levels(points, float(spacing.min()), scales, np.empty(0, np.int64), radii)
+    return [replace(level, direct=True) for level in levels]
 
 
 def levels_below(points: Floats, spacing: Floats, separation: float, *, coarse: Integers) -> list[CompactLevel]:
@@ -153,41 +152,63 @@ def levels_below(points: Floats, spacing: Floats, separation: float, *, coarse: 
     separation : float, mesh length unit
     coarse : (c,) int64 array
     """
-    radii = LEVEL_RADII[points.shape[1]]
-    scale = separation / LEVEL_RATIO
-    return _levels(padded(points), spacing, _nested(padded(points), scale, coarse), scale, radii)
+    scale, radii = separation / LEVEL_RATIO, LEVEL_RADII[points.shape[1]]
+    return _levels(padded(points), float(spacing.min()), (scale, scale), coarse, radii)
 
 
-def _nested(points: Floats, widest: float, first: Integers) -> Iterator[tuple[float, Integers]]:
-    """Scales, each a quarter of the one before, and points (m,) that far apart, with those of the one before."""
-    for level in range(MAX_LEVELS):
+def scales_of_all(spacing: Floats, moving: Marks) -> tuple[float, float]:
+    """The narrowest and the widest scale of levels that have all nodes, mesh length unit.
+
+    They are the spacings of the moving nodes where these are close and where they are not.
+    """
+    low, high = np.percentile(spacing[moving if moving.any() else ~moving], [_CLOSE, _WIDE], method="nearest")
+    return float(low), float(low) * float(LEVEL_RATIO ** math.ceil(math.log(high / low, LEVEL_RATIO) - _ROUNDING))
+
+
+def nested_members(
+    count: int,
+    closest: float,
+    scales: tuple[float, float],
+    first: Integers,
+    separated: Callable[[float, Integers], Integers],
+) -> Iterator[tuple[float, Integers]]:
+    """Scales of levels, each a quarter of the one before, and the points (m,) of ``count`` that far apart.
+
+    They end at a scale at which no two points are much closer: the last level has all points. Above the narrowest of
+    the ``scales`` a level needs at least two points but not all; below it, points that the level before did not have.
+
+    Parameters
+    ----------
+    closest : float, mesh length unit
+        Smallest distance of two points.
+    scales : (float, float), mesh length unit
+        The narrowest and the widest.
+    first : (f,) int64 array
+        Points that every level has.
+    separated : callable
+        Returns the points at least that distance from each other, with given ones.
+    """
+    low, widest = scales
+    before = 0
+    for level in range(_MAX_LEVELS):
         scale = widest / LEVEL_RATIO**level
-        first = separated_points(points, _SEPARATION * scale, first)
-        yield scale, first
+        if scale <= (1.0 + _ROUNDING) * low and scale <= _CLOSEST * closest:
+            break
+        first = separated(_SEPARATION * scale, first)
+        if (1 < len(first) < count) if scale > (1.0 + _ROUNDING) * low else (len(first) > before):
+            yield scale, first
+            before = len(first)
+    yield scale, np.arange(count)
 
 
 def _levels(
-    points: Floats, spacing: Floats, nested: Iterator[tuple[float, Integers]], low: float, radii: float
+    points: Floats, closest: float, scales: tuple[float, float], first: Integers, radii: float
 ) -> list[CompactLevel]:
-    """Levels down to a scale at which no two points are much closer: the last level has all points.
-
-    Above the scale ``low`` a level needs at least two points but not all; below it, points that the level before did
-    not have.
-    """
-    levels: list[CompactLevel] = []
-    closest, before = float(spacing.min()), 0
-    for scale, members in nested:
-        if scale <= (1.0 + _ROUNDING) * low and scale <= CLOSEST * closest:
-            break
-        if (1 < len(members) < len(points)) if scale > (1.0 + _ROUNDING) * low else (len(members) > before):
-            levels.append(_level(points, members, radii * scale))
-            before = len(members)
-    levels.append(_level(points, np.arange(len(points)), radii * scale))
-    return levels
-
-
-def _level(points: Floats, members: Integers, radius: float) -> CompactLevel:
-    return CompactLevel(members, radius, SparseInverse(points[members], BASIS, radius, _NEIGHBOURS))
+    nested = nested_members(len(points), closest, scales, first, partial(separated_points, points))
+    return [
+        CompactLevel(members, radii * scale, SparseInverse(points[members], BASIS, radii * scale, _NEIGHBOURS))
+        for scale, members in nested
+    ]
 
 
 @dataclass(frozen=True, eq=False)
