@@ -13,7 +13,7 @@ from mesh_motion_numerics.quality.metrics import (
     corner_quality,
     reference_sizes,
 )
-from mesh_motion_numerics.quality.quality_summary import judged_mesh, lowest_of, lowest_quality, mesh_summary
+from mesh_motion_numerics.quality.quality_summary import judged_mesh, lowest_quality, summarize
 from thread_counts import on_one_and_on_all_threads
 from tiny_meshes import tiny_mesh, tiny_meshes
 
@@ -23,11 +23,11 @@ RELATIVE = "relative-size-skew"
 
 
 def assert_same(points: np.ndarray, cells: CellTable, sizes: np.ndarray, metric: str = "size-skew") -> None:
-    found, full = (judge(points, cells, sizes, metric=metric) for judge in (lowest_quality, mesh_summary))
+    found, full = (judged_mesh(points, cells, sizes, metric=metric, distributions=all_)[0] for all_ in (False, True))
     assert (found.metric.min, found.inverted, found.cells) == (full.metric.min, full.inverted, full.cells)
     assert repr(found.worst) == repr(full.worst)
     assert found.metric_name == full.metric_name
-    of_all = lowest_of(cell_quality(points, cells, sizes), points, cells, metric=metric)
+    of_all = summarize(cell_quality(points, cells, sizes), points, cells, metric=metric, distributions=False)
     assert repr(of_all) == repr(found)
 
 

@@ -15,7 +15,7 @@ from mesh_motion_numerics.quality.metrics import (
     reference_sizes,
     subset_quality,
 )
-from mesh_motion_numerics.quality.quality_summary import lowest_quality, mesh_summary
+from mesh_motion_numerics.quality.quality_summary import judged_mesh, lowest_quality
 from mesh_motion_protocol.errors import InvalidInput
 from thread_counts import on_one_and_on_all_threads
 
@@ -253,6 +253,7 @@ def test_relative_shapes_of_some_cells_are_those_of_all():
     some, every = (of(moved, mesh.cells, at_rest, *n) for of, n in ((subset_quality, (numbers,)), (cell_quality, ())))
     for name in ("size", "skew", "inverted", "relative_shape"):
         assert getattr(some, name).tobytes() == getattr(every, name)[numbers].tobytes(), name
-    for one in (mesh_summary, lowest_quality):
-        found = one(moved, mesh.cells, at_rest, metric="relative-size-skew", worst=1)
+    for distributions in (True, False):
+        choices = {"metric": "relative-size-skew", "worst": 1, "distributions": distributions}
+        found, _ = judged_mesh(moved, mesh.cells, at_rest, **choices)
         assert found.metric.min == every.metric("relative-size-skew").min()

@@ -30,7 +30,7 @@ from mesh_motion_numerics.mesh.boundary_facets import boundary_facets
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.mesh.paths import RigidMotion, fit_rigid_motion
 
-__all__ = ["Body", "Way", "moving_bodies", "straight_way", "ways"]
+__all__ = ["Body", "Way", "moving_bodies", "ways"]
 
 
 #: Smaller angles count as no rotation, radians.
@@ -115,11 +115,6 @@ def moving_bodies(cells: CellTable, moving: Integers) -> tuple[Body, ...]:
     return tuple(Body(rows, rows[on_seam[rows]]) for rows in bodies)
 
 
-def straight_way(origin: Floats, targets: Floats) -> Way:
-    """The displacement scaled."""
-    return Way(origin, targets)
-
-
 def ways(origin: Floats, targets: Floats, bodies: tuple[Body, ...]) -> Iterator[Way]:
     """The ways to try from ``origin`` to ``targets`` (k, d), the most promising first."""
     pieces = [_piece(origin, targets, body) for body in bodies]
@@ -128,7 +123,7 @@ def ways(origin: Floats, targets: Floats, bodies: tuple[Body, ...]) -> Iterator[
         yield Way(origin, targets, turning)
     if any(_far(piece) for piece in turning):
         yield Way(origin, targets, tuple(_other_way(piece) if _far(piece) else piece for piece in turning))
-    yield straight_way(origin, targets)
+    yield Way(origin, targets)  # the displacement is scaled
     orbiting = _around_each_other([piece for piece, body in zip(pieces, bodies, strict=True) if not len(body.seam)])
     if orbiting:
         attached = (piece for piece, body in zip(pieces, bodies, strict=True) if len(body.seam))

@@ -35,7 +35,7 @@ from mesh_motion_numerics.mesh.plane_rims import PlaneRims
 from mesh_motion_numerics.mesh.points import bounding_box
 from mesh_motion_numerics.mesh.roles import SLIDING_ROLES, BoundaryRoles, Patch, nodes_with
 from mesh_motion_numerics.method import Method
-from mesh_motion_numerics.motion.body_paths import Body, Way, straight_way, ways
+from mesh_motion_numerics.motion.body_paths import Body, Way, ways
 from mesh_motion_numerics.motion.exact_displacements import BoundaryDisplacement
 from mesh_motion_numerics.motion.layered_walls import LayeredWalls
 from mesh_motion_numerics.motion.method_check import check_method
@@ -241,9 +241,8 @@ class BoundaryMotion:
     def ways(self, targets: Floats) -> Iterator[Way]:
         """Ways of the moving nodes from the reference mesh to the ``targets`` (k, d)."""
         origin = self.motion.reference[self.motion.roles.moving]
-        if self.motion.periodic is not None:  # images must move together
-            return iter([straight_way(origin, targets)])
-        return ways(origin, targets, tuple(self.bodies.values()))
+        bodies = self.bodies.values() if self.motion.periodic is None else ()  # images must move together
+        return ways(origin, targets, tuple(bodies))
 
     @property
     def known(self) -> Integers:

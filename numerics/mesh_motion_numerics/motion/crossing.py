@@ -104,21 +104,16 @@ class PossibleCrossing:
 
         Two arms of the domain, for example, with a solid between them. A hole that is closed inverts cells.
         """
-        if self._outer is not None:
-            place = crossing_place(self._outer, self._moved(points, targets))
+        if self.outer is not None:
+            place = crossing_place(self.outer, self._moved(points, targets))
             if place is not None:
                 near = ", ".join(f"{x:.4g}" for x in place)
                 certain = _no_mesh(f"cross itself near ({near})", refusal)
                 certain.looked_for = 1
                 raise certain
 
-    @property
-    def may_overlap(self) -> bool:
-        """Whether :meth:`refuse_overlap` has facets to test."""
-        return self._outer is not None
-
     @cached_property
-    def _outer(self) -> BoundaryFacets | None:
+    def outer(self) -> BoundaryFacets | None:
         """The facets of outer parts of the boundary; None if none of them moves, or if sides touch or cross at rest."""
         if not self.facets.nodes or len(self.sides.pairs):
             return None

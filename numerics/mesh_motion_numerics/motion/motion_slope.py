@@ -349,7 +349,7 @@ def _of_walls(motion: StandardMotion, plain: Floats, factors: FactorSource) -> l
         elif wall.freedom().any():
             following = _Interpolated.build(motion, controls, plain, places, factors)
             if own.curved:
-                places = motion.following(rest, controls, plain, factors, Stopwatch()).positions(places)
+                places = motion.solved(rest, controls, plain[controls], factors, Stopwatch()).stage.positions(places)
         steps += [_of_wall(own.nodes, own.slope(places), following), _of_images(motion)]
         if own.curved and 1 in wall.freedom() and not wall.only_carried:
             now, known = plain.copy(), np.zeros(len(plain), dtype=bool) if layer is None else layer.known.copy()

@@ -27,7 +27,7 @@ from mesh_motion_numerics.motion.winding import Winding, winding_body
 from mesh_motion_numerics.quality.headroom import Headroom, headroom
 from mesh_motion_numerics.quality.mesh_check import checked_mesh
 from mesh_motion_numerics.quality.metrics import AtRest, CellQuality, CellsAtRest, cells_at_rest
-from mesh_motion_numerics.quality.quality_summary import Judgement, judged_mesh, lowest_of, summarize
+from mesh_motion_numerics.quality.quality_summary import Judgement, judged_mesh, summarize
 
 __all__ = ["PreparedMesh"]
 
@@ -52,7 +52,7 @@ class PreparedMesh:
     warnings : tuple of str
         The warnings of :func:`checked_mesh`.
     smooth : SmoothMotion or None
-        The prepared correction "smooth".
+        The prepared correction "smooth"; None with every other correction.
     layered : LayeredWalls or None
         Walls whose layers move with them if interpolation would spoil the layers; None without such walls.
     distributions : bool
@@ -134,7 +134,8 @@ class PreparedMesh:
     def with_method(self, **choices: Any) -> Self:
         """The same mesh with other choices of its method that need no new preparation."""
         method = replace(self.method, **choices)
-        return replace(self, method=method, standard_motion=replace(self.standard_motion, method=method))
+        smooth = self.smooth if method.correction == "smooth" else None
+        return replace(self, method=method, smooth=smooth, standard_motion=replace(self.standard_motion, method=method))
 
     @cached_property
     def boundary(self) -> PossibleCrossing:
@@ -167,8 +168,8 @@ class PreparedMesh:
         If the ``quality`` of every cell at these points is given, no cell is judged again.
         """
         if quality is not None:
-            judge = summarize if self.distributions else lowest_of
-            return judge(quality, points, self.cells, metric=self.method.quality_metric)
+            metric = self.method.quality_metric
+            return summarize(quality, points, self.cells, metric=metric, distributions=self.distributions)
         return self._judged(points, 0.0)[0]
 
     def prediction(self, points: Floats) -> tuple[Judgement, Integers | None]:
@@ -176,11 +177,7 @@ class PreparedMesh:
 
         These cells are None if only the correction can find them.
         """
-        if (
-            self.smooth is None
-            or self.method.correction != "smooth"
-            or not isinstance(self.reference_sizes, CellsAtRest)
-        ):
+        if self.smooth is None or not isinstance(self.reference_sizes, CellsAtRest):
             return self.summary(points), None
         return self._judged(points, self.smooth.limit)
 

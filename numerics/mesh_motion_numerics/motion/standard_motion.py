@@ -28,6 +28,7 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import mesh_motion_kernels as kernels
 import numpy as np
@@ -99,6 +100,14 @@ class Stage:
             moved += evaluation.displacement(level, points)
         kernels.add_values(np.ascontiguousarray(carried).reshape(-1), moved.reshape(-1))
         return moved
+
+
+class Solved(NamedTuple):
+    """An interpolation: its stage, the factorization of the boundary's nodes, and its control nodes (nc,)."""
+
+    stage: Stage
+    factorization: Factorization
+    control_points: Integers
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,17 +236,17 @@ class StandardMotion:
             self.periodic.check_targets(self.roles.moving, targets)
         start = committed if self.method.displacement == "relative" else self.reference
         waypoints = self._waypoints(start, targets) if self.method.displacement == "reanchored" else [targets]
-        points, solved, stages = start, [], []
+        points, solved = start, []
         for waypoint in waypoints:
             points, last = self._interpolate(points, waypoint, factors, watch)
             solved.append(last)
-            stages.append(last.stage)
         factorization = solved[0].factorization
         if self.periodic is not None and self.method.correction not in ("none", "smooth", "optimised"):
             # an enrichment must vanish on periodic sides too
             nodes = np.union1d(self._controls(self.roles.all), self.roles.periodic)
             factorization = factorization_of(start[nodes], self.method, factors)
-        return StandardTrial(start, points, tuple(stages), factorization, solved[-1].control_points)
+        stages = tuple(one.stage for one in solved)
+        return StandardTrial(start, points, stages, factorization, solved[-1].control_points)
 
     def _waypoints(self, start: Floats, targets: Floats) -> list[Floats]:
         """Positions of the moving nodes after each sub-step, the targets last."""
@@ -251,29 +260,34 @@ class StandardMotion:
 
     def _interpolate(
         self, points: Floats, targets: Floats, factors: FactorSource, watch: Stopwatch
-    ) -> tuple[Floats, _Solved]:
+    ) -> tuple[Floats, Solved]:
         """One interpolation from the mesh ``points`` (n, d): the new positions and the solved stage."""
-        roles = self.roles
-        if self.layer is None and self.periodic is None and self.sliding is None:
+        roles, layer = self.roles, self.layer
+        if layer is None and self.periodic is None and self.sliding is None:
             # without an array of all nodes, which takes as long as one pass over the mesh
-            positions = self.reference.take(roles.prescribed, axis=0)
-            positions[roles.moving_rows] = targets
-            solved = self._solve(points, roles.prescribed, positions, factors, watch)
-            with watch.phase("displace"):
-                return self._displaced(points, roles.prescribed, positions, solved.stage, factors), solved
-        prescribed = points.copy()
-        prescribed[roles.fixed] = self.reference[roles.fixed]
-        prescribed[roles.moving] = targets
-        if self.layer is not None:
-            with watch.phase("displace"):
-                prescribed[self.layer.nodes] = self.layer.carried(prescribed)
-        if self.sliding is not None:
-            prescribed = self._slid(points, prescribed, factors, watch)
-        controls = self.control_nodes(roles.all)
-        solved = self._solve(points, controls, prescribed[controls], factors, watch)
+            known = controls = roles.prescribed
+            places = goal = self.reference.take(known, axis=0)
+            places[roles.moving_rows] = targets
+        else:
+            prescribed = points.copy()
+            prescribed[roles.fixed] = self.reference[roles.fixed]
+            prescribed[roles.moving] = targets
+            if layer is not None:
+                with watch.phase("displace"):
+                    prescribed[layer.nodes] = layer.carried(prescribed)
+            if self.sliding is not None:
+                prescribed = self._slid(points, prescribed, factors, watch)
+            known = roles.all if layer is None else np.union1d(roles.all, np.flatnonzero(layer.known))
+            controls = self.control_nodes(roles.all)
+            places, goal = prescribed[known], prescribed[controls]
+        solved = self.solved(points, controls, goal, factors, watch)
         with watch.phase("displace"):
-            known = roles.all if self.layer is None else np.union1d(roles.all, np.flatnonzero(self.layer.known))
-            return self.tied(self._displaced(points, known, prescribed[known], solved.stage, factors)), solved
+            moved = solved.stage.positions(
+                points, prepared_for(solved.stage.interpolant, points, factors, skipped=known)
+            )
+            numbers = known[:, None] * moved.shape[1] + np.arange(moved.shape[1])
+            moved.reshape(-1)[numbers.reshape(-1)] = places.reshape(-1)  # moved[known] = places, in a third of the time
+            return self.tied(moved), solved
 
     def _slid(self, points: Floats, prescribed: Floats, factors: FactorSource, watch: Stopwatch) -> Floats:
         """The ``prescribed`` positions (n, d) with the sliding nodes on their surfaces."""
@@ -285,7 +299,7 @@ class StandardMotion:
                     rigid = self.carry(points, points[controls], prescribed[controls])
                     places = places if rigid is None else rigid.apply(places)
                 else:
-                    following = self.following(points, controls, prescribed, factors, watch)
+                    following = self.solved(points, controls, prescribed[controls], factors, watch).stage
                     with watch.phase("displace"):
                         places = following.positions(places)
             known = np.zeros(len(points), dtype=bool) if self.layer is None else self.layer.known.copy()
@@ -298,12 +312,6 @@ class StandardMotion:
                 prescribed[wall.nodes] = wall.project(wall.in_order(placed, known)[wall.nodes])
         return prescribed
 
-    def following(
-        self, points: Floats, controls: Integers, prescribed: Floats, factors: FactorSource, watch: Stopwatch
-    ) -> Stage:
-        """The stage that walls follow: it takes control nodes (c,) from ``points`` (n, d) to ``prescribed`` (n, d)."""
-        return self._solve(points, controls, prescribed[controls], factors, watch).stage
-
     def _controls(self, nodes: Integers) -> Integers:
         """The control nodes for nodes (c,) with a role: a layer's outermost nodes replace the nodes behind them."""
         return nodes if self.layer is None else self.layer.shield.instead(nodes)
@@ -313,20 +321,10 @@ class StandardMotion:
         controls = self._controls(nodes)
         return controls if self.periodic is None else np.unique(self.periodic.root_of(controls))
 
-    def _displaced(
-        self, points: Floats, known: Integers, positions: Floats, stage: Stage, factors: FactorSource
-    ) -> Floats:
-        """The mesh ``points`` (n, d) displaced by a stage, with the nodes ``known`` (k,) at ``positions`` (k, d)."""
-        prepared = prepared_for(stage.interpolant, points, factors, skipped=known)
-        moved = stage.positions(points, prepared)
-        numbers = known[:, None] * moved.shape[1] + np.arange(moved.shape[1])
-        moved.reshape(-1)[numbers.reshape(-1)] = positions.reshape(-1)  # moved[known] = given, in a third of the time
-        return moved
-
-    def _solve(
+    def solved(
         self, points: Floats, controls: Integers, goal: Floats, factors: FactorSource, watch: Stopwatch
-    ) -> _Solved:
-        """The stage that takes the control nodes (c,) from ``points`` (n, d) to ``goal`` (c, d)."""
+    ) -> Solved:
+        """The interpolation that takes the control nodes (c,) from ``points`` (n, d) to ``goal`` (c, d)."""
         with watch.phase("solve"):
             origin = points.take(controls, axis=0)  # three times as fast as points[controls]
             rigid = None
@@ -335,9 +333,9 @@ class StandardMotion:
             displacement = goal - (origin if rigid is None else rigid.apply(origin))
             if self.periodic is not None or self.method.reduction == "none":
                 factorization = self._all_factorized(points, origin, controls, factors)
-                return _Solved(Stage(rigid, factorization.solve(displacement)), factorization, controls)
+                return Solved(Stage(rigid, factorization.solve(displacement)), factorization, controls)
             reduced = interpolate_reduced(origin, displacement, self.method, factors, spacing=self.spacing)
-            return _Solved(
+            return Solved(
                 Stage(rigid, reduced.levels[0], reduced.levels[1:]),
                 DeferredFactorization(origin, self.method, factors),
                 controls[reduced.selected],
@@ -373,7 +371,18 @@ class StandardMotion:
         if self.periodic is not None:
             images, box = self.periodic.generators, bounding_box(points)
             return periodic_factorization_of(origin, images, box, self.method, factors, self.periodic.open_sector)
-        found = self._in_scales(points, origin, controls, factors)
+        plan = self.plans.get(controls.tobytes())
+        try:
+            if plan is None:
+                found = factorization_of(origin, self.method, factors)
+            else:
+                found = two_scale_factorization_of(origin, bounding_box(points), plan, factors)
+        except QualityRefused:
+            if not basis_named(self.method.basis).compact:
+                raise
+            # the boundary has changed too much for the reference mesh's plan
+            plan = plan_for(points, controls, self.roles, self.method, self._smoothing)
+            found = two_scale_factorization_of(origin, bounding_box(points), plan, factors)
         if not self.reach.mean_radius:
             return found
         return FarFieldFactorization(found, np.flatnonzero(~self._still[controls]), self.reach.mean_radius)
@@ -385,31 +394,6 @@ class StandardMotion:
         marks[self.roles.fixed] = marks[self.roles.sliding] = True
         return marks
 
-    def _in_scales(self, points: Floats, origin: Floats, controls: Integers, factors: FactorSource) -> Factorization:
-        """As :meth:`_all_factorized`, in one scale or two, without images.
-
-        If the boundary has changed too much for the reference mesh's plan, it uses a new plan.
-        """
-        plan = self.plans.get(controls.tobytes())
-        try:
-            if plan is None:
-                return factorization_of(origin, self.method, factors)
-            return two_scale_factorization_of(origin, bounding_box(points), plan, factors)
-        except QualityRefused:
-            if not basis_named(self.method.basis).compact:
-                raise
-        renewed = plan_for(points, controls, self.roles, self.method, self._smoothing)
-        return two_scale_factorization_of(origin, bounding_box(points), renewed, factors)
-
     def tied(self, positions: Floats) -> Floats:
         """Positions (n, d) with periodic images placed by their roots, except the moving nodes."""
         return positions if self.periodic is None else self.periodic.tied(positions, left=self.roles.moving)
-
-
-@dataclass(frozen=True, eq=False)
-class _Solved:
-    """A stage, the boundary's factorization and the control nodes (nc,)."""
-
-    stage: Stage
-    factorization: Factorization
-    control_points: Integers
