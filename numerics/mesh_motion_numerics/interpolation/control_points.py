@@ -6,7 +6,7 @@ from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
 from mesh_motion_numerics.arrays import Floats
-from mesh_motion_numerics.mesh.spacing import local_spacing
+from mesh_motion_numerics.mesh.points import local_spacing
 
 __all__ = ["checked_control_points"]
 

@@ -22,13 +22,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from mesh_motion_numerics.arrays import Floats, Integers
 from mesh_motion_numerics.mesh.boundary_facets import boundary_facets
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.mesh.paths import RigidMotion, fit_rigid_motion
+from mesh_motion_numerics.mesh.points import connected
 
 __all__ = ["Body", "Way", "moving_bodies", "ways"]
 
@@ -106,8 +105,7 @@ def moving_bodies(cells: CellTable, moving: Integers) -> tuple[Body, ...]:
         partly = rows[(rows < 0).any(axis=1)]
         seam.append(partly[partly >= 0])
     pairs = np.concatenate(links)
-    shape = (len(moving), len(moving))
-    labels = connected_components(coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape), False)[1]
+    labels = connected(len(moving), *pairs.T)
     labels[~np.isin(np.arange(len(moving)), pairs)] = -1
     _, first = np.unique(labels, return_index=True)
     on_seam = np.isin(np.arange(len(moving)), np.concatenate(seam))

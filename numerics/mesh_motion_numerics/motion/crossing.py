@@ -22,7 +22,7 @@ from mesh_motion_numerics.mesh.boundary_facets import boundary_facets, boundary_
 from mesh_motion_numerics.mesh.boundary_orientation import outer_nodes, overturned_place
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.mesh.coincidence import CoincidentSides, linked_by_cells, met_nodes
-from mesh_motion_numerics.mesh.points import spread
+from mesh_motion_numerics.mesh.points import marks_at, spread
 from mesh_motion_numerics.mesh.rigid_transforms import Transform
 from mesh_motion_numerics.mesh.roles import BoundaryRoles
 from mesh_motion_numerics.mesh.sliding import SlidingSurfaces
@@ -78,8 +78,7 @@ class PossibleCrossing:
         generators: tuple[Transform, ...] = (),
     ) -> PossibleCrossing:
         """Build it for a checked mesh with ``coincident`` (c, 2) nodes."""
-        facets, known = boundary_facets(cells), np.zeros(len(reference), dtype=bool)
-        known[roles.moving] = known[roles.fixed] = True
+        facets, known = boundary_facets(cells), marks_at(len(reference), roles.moving, roles.fixed)
         sides = CoincidentSides.build(coincident, facets, known)
         still = np.union1d(roles.fixed, _on_planes(sliding, roles.moving))
         own = BoundaryFacets.build(facets, roles.moving, still, len(reference))
@@ -202,9 +201,7 @@ class PossibleCrossing:
         roles = self.roles
         if not np.isin(self._boundary_nodes, np.concatenate([roles.all, roles.periodic])).all():
             return None
-        moving, still = np.zeros((2, len(moved)), dtype=bool)
-        moving[roles.moving] = True
-        still[roles.fixed] = still[roles.sliding] = True
+        moving, still = marks_at(len(moved), roles.moving), marks_at(len(moved), roles.fixed, roles.sliding)
         facets = boundary_facets(self.cells)
         return passed_place(facets, moving, still, self.generators, self.reference, moved)
 
@@ -223,8 +220,7 @@ def refuse_region(
         must not cross others either.
     reference, positions : (n, d) arrays, mesh length unit
     """
-    facets, known = boundary_facets(cells), np.zeros(len(positions), dtype=bool)
-    known[held] = True
+    facets, known = boundary_facets(cells), marks_at(len(positions), held)
     own = BoundaryFacets.build(facets, moving, held, len(positions))
     for fault, place in (
         ("cross itself", crossing_place(own, positions)),

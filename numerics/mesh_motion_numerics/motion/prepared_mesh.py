@@ -15,6 +15,7 @@ from mesh_motion_numerics.mesh.boundary_facets import boundary_facets, boundary_
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.mesh.periodic_nodes import PeriodicNodes
 from mesh_motion_numerics.mesh.plane_rims import PlaneRims
+from mesh_motion_numerics.mesh.points import marks_at
 from mesh_motion_numerics.mesh.roles import BoundaryRoles, Patch
 from mesh_motion_numerics.method import Method
 from mesh_motion_numerics.motion.body_paths import Body, moving_bodies
@@ -103,8 +104,7 @@ class PreparedMesh:
         mesh = roles.without(points, loose)
         check_method(method, *mesh, periodic=periodic is not None)
         method, reach = with_reach(method, *mesh, periodic=periodic)
-        held = np.zeros(len(points), dtype=bool)
-        held[boundary_nodes(cells)] = True
+        held = marks_at(len(points), boundary_nodes(cells))
         held[roles.all] = True
         motion, smooth = StandardMotion.build(points, facets, patches, method, reach, periodic), None
         constraint = BoundaryConstraint.build(points, facets, patches, motion.surfaces, motion.sliding, motion.periodic)
@@ -157,8 +157,7 @@ class PreparedMesh:
     @cached_property
     def cells_at_moving(self) -> Integers:
         """(k,) numbers of the cells with a facet on the moving boundary, ascending."""
-        moving = np.zeros(len(self.points), dtype=bool)
-        moving[self.roles.moving] = True
+        moving = marks_at(len(self.points), self.roles.moving)
         of_facet = self.cells.dimension
         return np.flatnonzero(np.concatenate([moving[block.nodes].sum(axis=1) >= of_facet for block in self.cells]))
 

@@ -54,7 +54,7 @@ from mesh_motion_numerics.interpolation.two_scale.interpolant import AnyInterpol
 from mesh_motion_numerics.interpolation.two_scale.smoothing import Smoothing
 from mesh_motion_numerics.mesh.paths import RigidMotion, fit_rigid_motion, fit_screw, substeps
 from mesh_motion_numerics.mesh.periodic_nodes import PeriodicNodes
-from mesh_motion_numerics.mesh.points import bounding_box
+from mesh_motion_numerics.mesh.points import bounding_box, marks_at
 from mesh_motion_numerics.mesh.roles import BoundaryRoles, Patch
 from mesh_motion_numerics.mesh.sliding import SlidingSurfaces
 from mesh_motion_numerics.mesh.whole_walls import whole_walls
@@ -390,9 +390,7 @@ class StandardMotion:
     @cached_property
     def _still(self) -> Marks:
         """(n,) whether each node is fixed or slides."""
-        marks = np.zeros(len(self.reference), dtype=bool)
-        marks[self.roles.fixed] = marks[self.roles.sliding] = True
-        return marks
+        return marks_at(len(self.reference), self.roles.fixed, self.roles.sliding)
 
     def tied(self, positions: Floats) -> Floats:
         """Positions (n, d) with periodic images placed by their roots, except the moving nodes."""

@@ -32,7 +32,7 @@ nodes exact by functions of small support.
 import numpy as np
 
 from mesh_motion_numerics.arrays import Floats
-from mesh_motion_numerics.mesh.spacing import local_spacing
+from mesh_motion_numerics.mesh.points import local_spacing
 
 __all__ = ["BASIS", "boundary_spacing", "near_surface_radius"]
 
