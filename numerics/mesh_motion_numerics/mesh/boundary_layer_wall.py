@@ -37,7 +37,8 @@ from scipy.spatial import cKDTree
 
 from mesh_motion_numerics.arrays import Floats, Integers, Marks
 from mesh_motion_numerics.mesh.closest_point import nearest_within
-from mesh_motion_numerics.mesh.points import connected, marks_at
+from mesh_motion_numerics.mesh.neighbours import connected
+from mesh_motion_numerics.mesh.points import marks_at
 from mesh_motion_numerics.mesh.roles import BoundaryRoles, Patch
 
 __all__ = ["ALONG", "MovingWall", "WallPlaces", "facet_frames", "simplices_of", "weighting_of"]

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from mesh_motion_numerics.arrays import Floats, Integers, Marks
-from mesh_motion_numerics.mesh.points import connected
+from mesh_motion_numerics.mesh.neighbours import connected
 from mesh_motion_numerics.mesh.smooth_pieces import all_marked, area_vectors, widened
 
 __all__ = ["closed_parts", "of_one_width", "outer_nodes", "overturned_place"]

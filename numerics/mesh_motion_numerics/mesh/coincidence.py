@@ -12,7 +12,8 @@ from scipy.spatial import cKDTree
 from mesh_motion_numerics.arrays import Floats, Integers, Marks
 from mesh_motion_numerics.mesh.boundary_orientation import of_one_width
 from mesh_motion_numerics.mesh.cells import CellTable
-from mesh_motion_numerics.mesh.points import bounding_box, connected
+from mesh_motion_numerics.mesh.neighbours import connected
+from mesh_motion_numerics.mesh.points import bounding_box
 from mesh_motion_numerics.mesh.smooth_pieces import area_vectors
 
 __all__ = ["CoincidentSides", "coincident_nodes", "first_at_place", "linked_by_cells", "met_nodes"]

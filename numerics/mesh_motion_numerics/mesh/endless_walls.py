@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from mesh_motion_numerics.arrays import Floats, Marks
-from mesh_motion_numerics.mesh.points import connected
+from mesh_motion_numerics.mesh.neighbours import connected
 from mesh_motion_numerics.mesh.revolution import OFF
 from mesh_motion_numerics.mesh.rigid_transforms import Transform
 from mesh_motion_numerics.mesh.smooth_pieces import Piece, as_simplices

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from mesh_motion_numerics.arrays import Integers, Marks
 from mesh_motion_numerics.mesh.cells import CellTable
-from mesh_motion_numerics.mesh.points import connected
+from mesh_motion_numerics.mesh.neighbours import connected
 from mesh_motion_numerics.mesh.roles import ROLES, Patch
 
 __all__ = ["check_patches", "nodes_behind_fixed", "nodes_in_no_patch", "patch_warnings"]

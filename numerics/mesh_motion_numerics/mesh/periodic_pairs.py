@@ -18,7 +18,8 @@ from mesh_motion_protocol.errors import InvalidInput
 from scipy.spatial import cKDTree
 
 from mesh_motion_numerics.arrays import Floats, Integers
-from mesh_motion_numerics.mesh.points import bounding_box, local_spacing, marks_at
+from mesh_motion_numerics.mesh.neighbours import local_spacing
+from mesh_motion_numerics.mesh.points import bounding_box, marks_at
 from mesh_motion_numerics.mesh.rigid_transforms import Transform
 from mesh_motion_numerics.mesh.smooth_pieces import area_vectors, widened
 

@@ -1,14 +1,11 @@
-"""Points with one, two or three coordinates: padded, their box and spacing, marks, connected parts, samples."""
+"""Points with one, two or three coordinates: padded, their bounding box, marks and samples of them."""
 
 import mesh_motion_kernels as kernels
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
 
 from mesh_motion_numerics.arrays import Floats, Integers, Marks
 
-__all__ = ["bounding_box", "connected", "local_spacing", "marks_at", "padded", "spread"]
+__all__ = ["bounding_box", "marks_at", "padded", "spread"]
 
 
 def padded(points: Floats) -> Floats:
@@ -38,16 +35,3 @@ def marks_at(count: int, *nodes: Integers) -> Marks:
     for some in nodes:
         marks[some] = True
     return marks
-
-
-def connected(count: int, ones: Integers, others: Integers) -> Integers:
-    """(count,) number of the connected part to which each item belongs, if ``ones`` are linked to ``others`` (p,)."""
-    links = coo_array((np.ones(len(ones)), (ones, others)), shape=(count, count))
-    return np.asarray(connected_components(links, directed=False)[1], dtype=np.int64)
-
-
-def local_spacing(points: Floats) -> Floats:
-    """(n,) distance of each of (n, d) points to its nearest neighbour, mesh length unit; inf for a single point."""
-    if len(points) < 2:
-        return np.full(len(points), np.inf)
-    return np.asarray(cKDTree(points).query(points, k=2)[0][:, 1])

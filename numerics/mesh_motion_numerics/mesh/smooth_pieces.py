@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from mesh_motion_numerics.arrays import Floats, Integers, Marks
-from mesh_motion_numerics.mesh.points import connected, marks_at
+from mesh_motion_numerics.mesh.neighbours import connected
+from mesh_motion_numerics.mesh.points import marks_at
 
 __all__ = ["SMOOTH_COSINE", "Piece", "all_marked", "area_vectors", "as_simplices", "sides", "smooth_pieces", "widened"]
 

@@ -26,8 +26,8 @@ import numpy as np
 from mesh_motion_numerics.arrays import Floats, Integers
 from mesh_motion_numerics.mesh.boundary_facets import boundary_facets
 from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.mesh.neighbours import connected
 from mesh_motion_numerics.mesh.paths import RigidMotion, fit_rigid_motion
-from mesh_motion_numerics.mesh.points import connected
 
 __all__ = ["Body", "Way", "moving_bodies", "ways"]
 

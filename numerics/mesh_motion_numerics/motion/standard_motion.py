@@ -60,8 +60,7 @@ from mesh_motion_numerics.mesh.sliding import SlidingSurfaces
 from mesh_motion_numerics.mesh.whole_walls import whole_walls
 from mesh_motion_numerics.method import Method
 from mesh_motion_numerics.motion.boundary_layer import BoundaryLayer
-from mesh_motion_numerics.reduction.near_surface import boundary_spacing
-from mesh_motion_numerics.reduction.reduced_motion import interpolate_reduced
+from mesh_motion_numerics.reduction.reduced_motion import boundary_spacing, interpolate_reduced
 from mesh_motion_numerics.stopwatch import Stopwatch
 
 __all__ = ["StandardMotion", "StandardTrial"]
