@@ -1,6 +1,7 @@
 """The constant data that every motion of a session needs: the reference mesh, its roles, and derived data."""
 
 from collections.abc import Mapping
+from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Self
@@ -129,7 +130,13 @@ class PreparedMesh:
 
     def without_distributions(self) -> Self:
         """The same mesh, judged exactly by its worst cells, without distributions."""
-        return replace(self, distributions=False)
+        return self._brief
+
+    @cached_property
+    def _brief(self) -> Self:
+        other = copy(self)  # with what is already prepared: later coupling iterations use this mesh
+        object.__setattr__(other, "distributions", False)
+        return other
 
     def with_method(self, **choices: Any) -> Self:
         """The same mesh with other choices of its method that need no new preparation."""
