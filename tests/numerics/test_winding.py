@@ -59,6 +59,8 @@ def test_a_mesh_without_distributions_keeps_what_is_prepared() -> None:
     assert brief.carrying_layers is full.carrying_layers
     assert brief.winding is full.winding
     assert full.without_distributions() is brief
+    assert full.carrying_layers.layer is not None
+    assert full.motion_with(full.carrying_layers.layer) is full.carrying_layers
 
 
 def turned(model: MotionModel, degrees: float) -> np.ndarray:

@@ -194,7 +194,8 @@ class PreparedMesh:
     @cached_property
     def carrying_layers(self) -> StandardMotion:
         """The standard motion with the layer of the layered walls."""
-        return self.motion_with(None if self.layered is None else self.layered.layer)
+        layer = None if self.layered is None else self.layered.layer
+        return self.standard_motion if layer is None else self.standard_motion.with_layer(layer)
 
     @cached_property
     def bodies(self) -> tuple[Body, ...]:
@@ -219,9 +220,10 @@ class PreparedMesh:
         held = held_with(self.held, layer)
         return Winding(self.points, self.roles.moving, held, simplices, layer, lambda: smooth.averages, bodies)
 
-    def motion_with(self, layer: BoundaryLayer | None) -> StandardMotion:
-        """The standard motion with this boundary layer."""
-        return self.standard_motion if layer is None else self.standard_motion.with_layer(layer)
+    def motion_with(self, layer: BoundaryLayer) -> StandardMotion:
+        """The standard motion with this layer, which is mostly the whole layer of the walls."""
+        whole = self.carrying_layers
+        return whole if layer is whole.layer else self.standard_motion.with_layer(layer)
 
     def constraint_with(self, layer: BoundaryLayer | None) -> BoundaryConstraint | None:
         """The constraint of the boundary nodes that are not in this boundary layer."""
