@@ -11,10 +11,8 @@ import numpy as np
 from mesh_motion_numerics.arrays import Floats, Integers, Marks
 from mesh_motion_numerics.correction.boundary_constraint import BoundaryConstraint
 from mesh_motion_numerics.correction.smooth_motion import SmoothMotion
-from mesh_motion_numerics.interpolation.support_radius import with_reach
 from mesh_motion_numerics.mesh.boundary_facets import boundary_facets, boundary_nodes
 from mesh_motion_numerics.mesh.cells import CellTable
-from mesh_motion_numerics.mesh.periodic_nodes import PeriodicNodes
 from mesh_motion_numerics.mesh.plane_rims import PlaneRims
 from mesh_motion_numerics.mesh.points import marks_at
 from mesh_motion_numerics.mesh.roles import BoundaryRoles, Patch
@@ -23,7 +21,6 @@ from mesh_motion_numerics.motion.body_paths import Body, moving_bodies
 from mesh_motion_numerics.motion.boundary_layer import BoundaryLayer, held_with
 from mesh_motion_numerics.motion.crossing import PossibleCrossing
 from mesh_motion_numerics.motion.layered_walls import LayeredWalls
-from mesh_motion_numerics.motion.method_check import check_method
 from mesh_motion_numerics.motion.standard_motion import StandardMotion
 from mesh_motion_numerics.motion.winding import Winding, winding_body
 from mesh_motion_numerics.quality.headroom import Headroom, headroom
@@ -99,18 +96,13 @@ class PreparedMesh:
         if len(resting):
             patches = {**patches, "": Patch("fixed", resting)}
         at_rest = cells_at_rest(points, cells, sizes) if method.quality_metric == "relative-size-skew" else sizes
-        roles = BoundaryRoles.from_patches(patches)
         facets = boundary_facets(cells)
-        periodic = PeriodicNodes.build(points, facets, patches, roles)
-        mesh = roles.without(points, loose)
-        check_method(method, *mesh, periodic=periodic is not None)
-        method, reach = with_reach(method, *mesh, periodic=periodic)
-        held = marks_at(len(points), boundary_nodes(cells))
-        held[roles.all] = True
-        motion, smooth = StandardMotion.build(points, facets, patches, method, reach, periodic), None
+        motion = StandardMotion.build(points, facets, patches, method, loose)
+        roles, method = motion.roles, motion.method
+        held = marks_at(len(points), boundary_nodes(cells), roles.all)
         constraint = BoundaryConstraint.build(points, facets, patches, motion.surfaces, motion.sliding, motion.periodic)
-        if method.correction == "smooth":
-            smooth = SmoothMotion.build(points, cells, held, constraint)
+        is_smooth = method.correction == "smooth"
+        smooth = SmoothMotion.build(points, cells, held, constraint) if is_smooth else None
         layered = LayeredWalls.build(points, cells, patches, motion.sliding)
         return cls(
             points,

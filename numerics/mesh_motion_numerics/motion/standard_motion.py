@@ -48,7 +48,7 @@ from mesh_motion_numerics.interpolation.far_field import FarFieldFactorization
 from mesh_motion_numerics.interpolation.interpolant import Factorization
 from mesh_motion_numerics.interpolation.kernels import basis_named
 from mesh_motion_numerics.interpolation.periodic_interpolant import periodic_factorization_of
-from mesh_motion_numerics.interpolation.support_radius import Reach
+from mesh_motion_numerics.interpolation.support_radius import Reach, with_reach
 from mesh_motion_numerics.interpolation.two_scale.factorization import TwoScalePlan, plan_for, plans_for
 from mesh_motion_numerics.interpolation.two_scale.interpolant import AnyInterpolant
 from mesh_motion_numerics.interpolation.two_scale.smoothing import Smoothing
@@ -60,6 +60,7 @@ from mesh_motion_numerics.mesh.sliding import SlidingSurfaces
 from mesh_motion_numerics.mesh.whole_walls import whole_walls
 from mesh_motion_numerics.method import Method
 from mesh_motion_numerics.motion.boundary_layer import BoundaryLayer
+from mesh_motion_numerics.motion.method_check import check_method
 from mesh_motion_numerics.reduction.reduced_motion import boundary_spacing, interpolate_reduced
 from mesh_motion_numerics.stopwatch import Stopwatch
 
@@ -70,7 +71,6 @@ __all__ = ["StandardMotion", "StandardTrial"]
 _SUBSTEP_FRACTION = 0.025
 #: … and at most this many.
 _MAX_SUBSTEPS = 20
-_ONE_RADIUS = Reach()
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,15 +178,20 @@ class StandardMotion:
         facets: Mapping[str, Integers],
         patches: Mapping[str, Patch],
         method: Method,
-        reach: Reach = _ONE_RADIUS,
-        periodic: PeriodicNodes | None = None,
+        loose: Integers | None = None,
     ) -> StandardMotion:
         """Prepare the motion of a checked mesh with reference coordinates ``points`` (n, d).
 
-        ``facets``: those of the whole boundary (f, k), by type; the motion needs no cells. Without ``reach`` only the
-        method's support radius counts. ``periodic``: of the patches.
+        ``facets``: those of the whole boundary (f, k), by type; the motion needs no cells. ``loose`` (l,): nodes of no
+        cell and no role.
+
+        Raises InvalidInput if the method does not fit the mesh.
         """
         roles = BoundaryRoles.from_patches(patches)
+        periodic = PeriodicNodes.build(points, facets, patches, roles)
+        mesh = (points, roles) if loose is None else roles.without(points, loose)
+        check_method(method, *mesh, periodic=periodic is not None)
+        method, reach = with_reach(method, *mesh, periodic=periodic)
         sliding, surfaces = None, whole_walls(points, facets, patches)
         if len(roles.sliding):
             images = () if periodic is None else periodic.generators
