@@ -54,10 +54,10 @@ class OneLayer:
         patches : mapping of name to Patch
             Checked patches. The patches of the planes may leave out nodes of the sides that other patches have.
         """
+        if not {block.type.name for block in cells} <= set(_FACES):
+            return None
         if len(np.unique(np.concatenate([*(patch.nodes for patch in patches.values()), [-1]]))) <= len(points):
             return None  # a node is inside
-        if points.shape[1] != 3 or not {block.type.name for block in cells} <= set(_FACES):
-            return None
         for roles, normal in product((SLIDING_ROLES, ("fixed",)), _normals(points, cells)):
             heights = points @ normal
             low, high = float(heights.min()), float(heights.max())

@@ -24,7 +24,7 @@ from mesh_motion_numerics.motion.layered_walls import LayeredWalls
 from mesh_motion_numerics.motion.standard_motion import StandardMotion
 from mesh_motion_numerics.motion.winding import Winding, winding_body
 from mesh_motion_numerics.quality.headroom import Headroom, headroom
-from mesh_motion_numerics.quality.mesh_check import checked_mesh
+from mesh_motion_numerics.quality.mesh_check import CheckedMesh, checked_mesh
 from mesh_motion_numerics.quality.metrics import AtRest, CellQuality, CellsAtRest, cells_at_rest
 from mesh_motion_numerics.quality.quality_summary import Judgement, judged_mesh, summarize
 
@@ -84,15 +84,16 @@ class PreparedMesh:
         cells: CellTable,
         patches: Mapping[str, Patch],
         method: Method,
+        checked: CheckedMesh | None = None,
     ) -> Self:
-        """Check the mesh and prepare what every motion needs.
+        """Check the mesh, unless it is ``checked`` already, and prepare what every motion needs.
 
         Raises
         ------
         InvalidInput
             If the mesh or a patch is unusable (see :func:`checked_mesh`), or the method does not fit the mesh.
         """
-        cells, sizes, warnings, resting, coincident, loose = checked_mesh(points, cells, patches)
+        cells, sizes, warnings, resting, coincident, loose = checked or checked_mesh(points, cells, patches)
         if len(resting):
             patches = {**patches, "": Patch("fixed", resting)}
         at_rest = cells_at_rest(points, cells, sizes) if method.quality_metric == "relative-size-skew" else sizes
