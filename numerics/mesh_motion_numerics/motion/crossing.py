@@ -106,10 +106,7 @@ class PossibleCrossing:
         if self.outer is not None:
             place = crossing_place(self.outer, self._moved(points, targets))
             if place is not None:
-                near = ", ".join(f"{x:.4g}" for x in place)
-                certain = _no_mesh(f"cross itself near ({near})", refusal)
-                certain.looked_for = 1
-                raise certain
+                raise _no_mesh("cross itself", refusal, place=place, looked_for=1)
 
     @cached_property
     def outer(self) -> BoundaryFacets | None:
@@ -133,10 +130,7 @@ class PossibleCrossing:
         self._refuse_meeting(moved, refusal)
         for count, (fault, place) in enumerate(self._faults(moved), 1):
             if place is not None:
-                near = ", ".join(f"{x:.4g}" for x in place)
-                certain = _no_mesh(f"{fault} near ({near})", refusal)
-                certain.looked_for = count
-                raise certain
+                raise _no_mesh(fault, refusal, place=place, looked_for=count)
 
     def has_fault(self, points: Floats, targets: Floats, most: int) -> bool:
         """Whether one of the first ``most`` kinds of faults exists: testing all kinds takes longer."""
@@ -227,8 +221,7 @@ def refuse_region(
         ("leave its side of another part", misplaced_place(facets, known, moving, reference, positions)),
     ):
         if place is not None:
-            near = ", ".join(f"{x:.4g}" for x in place)
-            raise _no_mesh(f"{fault} near ({near})", refusal) from refusal
+            raise _no_mesh(fault, refusal, place=place) from refusal
 
 
 def _on_planes(sliding: SlidingSurfaces | None, away: Integers) -> Integers:
@@ -239,12 +232,22 @@ def _on_planes(sliding: SlidingSurfaces | None, away: Integers) -> Integers:
     return np.setdiff1d(sliding.nodes, np.concatenate([away[:0], *others]))
 
 
-def _no_mesh(fault: str, refusal: QualityRefused | None, details: Mapping[str, object] | None = None) -> NoMeshExists:
-    """Return the error for a boundary with this fault, with the results of an earlier refusal."""
+def _no_mesh(
+    fault: str,
+    refusal: QualityRefused | None,
+    details: Mapping[str, object] | None = None,
+    *,
+    place: Floats | None = None,
+    looked_for: int = 0,
+) -> NoMeshExists:
+    """Return the error for a boundary with this fault, near a place (d,), with the results of an earlier refusal."""
     known = refusal or QualityRefused("")
-    return NoMeshExists(
-        f"no valid mesh exists: the boundary would {fault}",
+    near = "" if place is None else f" near ({', '.join(f'{x:.4g}' for x in place)})"
+    certain = NoMeshExists(
+        f"no valid mesh exists: the boundary would {fault}{near}",
         best=known.best,
         cells=known.cells,
         details={**known.details, **(details or {})},
     )
+    certain.looked_for = looked_for
+    return certain

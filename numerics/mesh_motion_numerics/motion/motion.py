@@ -40,7 +40,7 @@ from mesh_motion_numerics.motion.smooth_step import NOT_SMOOTH, PlainWay, smooth
 from mesh_motion_numerics.motion.standard_motion import StandardMotion, StandardTrial
 from mesh_motion_numerics.motion.sub_steps import Leg, Walk, furthest_walk
 from mesh_motion_numerics.motion.winding import UNWOUND, Turns
-from mesh_motion_numerics.quality.metrics import CellQuality, cell_quality, sizes_of, subset_quality
+from mesh_motion_numerics.quality.metrics import CellQuality, CellsAtRest, cell_quality, sizes_of, subset_quality
 from mesh_motion_numerics.quality.quality_summary import Judgement
 from mesh_motion_numerics.stopwatch import Stopwatch, check_time
 
@@ -296,7 +296,9 @@ class MotionModel(DifferentiableMesh):
         factors = Recorded(step.factors)
         trial = self._plain(motion, replace(step, factors=factors), turns, 1.0, watch)
         with watch.phase("predict"):
-            return _Predicted(motion, trial, *self.prediction(trial.points), factors)
+            if self.smooth is None or not isinstance(self.reference_sizes, CellsAtRest):
+                return _Predicted(motion, trial, self.summary(trial.points), None, factors)
+            return _Predicted(motion, trial, *self.judged(trial.points, self.smooth.limit), factors)
 
     def _plain(
         self, motion: StandardMotion, step: _Step, turns: Turns | None, fraction: float, watch: Stopwatch | None = None

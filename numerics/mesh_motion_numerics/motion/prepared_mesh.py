@@ -25,7 +25,7 @@ from mesh_motion_numerics.motion.standard_motion import StandardMotion
 from mesh_motion_numerics.motion.winding import Winding, winding_body
 from mesh_motion_numerics.quality.headroom import Headroom, headroom
 from mesh_motion_numerics.quality.mesh_check import CheckedMesh, checked_mesh
-from mesh_motion_numerics.quality.metrics import AtRest, CellQuality, CellsAtRest, cells_at_rest
+from mesh_motion_numerics.quality.metrics import AtRest, CellQuality, cells_at_rest
 from mesh_motion_numerics.quality.quality_summary import Judgement, judged_mesh, summarize
 
 __all__ = ["PreparedMesh"]
@@ -169,20 +169,12 @@ class PreparedMesh:
         if quality is not None:
             metric = self.method.quality_metric
             return summarize(quality, points, self.cells, metric=metric, distributions=self.distributions)
-        return self._judged(points, 0.0)[0]
+        return self.judged(points)[0]
 
-    def prediction(self, points: Floats) -> tuple[Judgement, Integers | None]:
-        """Quality of a plain motion to ``points`` (n, d), and the cells that a smooth correction must consider.
-
-        These cells are None if only the correction can find them.
-        """
-        if self.smooth is None or not isinstance(self.reference_sizes, CellsAtRest):
-            return self.summary(points), None
-        return self._judged(points, self.smooth.limit)
-
-    def _judged(self, points: Floats, limit: float) -> tuple[Judgement, Integers]:
-        choices = {"metric": self.method.quality_metric, "distributions": self.distributions, "limit": limit}
-        return judged_mesh(points, self.cells, self.reference_sizes, **choices)  # type: ignore[arg-type]
+    def judged(self, points: Floats, limit: float = 0.0) -> tuple[Judgement, Integers]:
+        """The :meth:`summary`, and the cells whose worst corner is below a limit (:func:`.judged_mesh`)."""
+        metric, full = self.method.quality_metric, self.distributions
+        return judged_mesh(points, self.cells, self.reference_sizes, metric=metric, distributions=full, limit=limit)
 
     @cached_property
     def carrying_layers(self) -> StandardMotion:
