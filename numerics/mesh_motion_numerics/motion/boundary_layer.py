@@ -106,7 +106,7 @@ class BoundaryLayer:
         """(l,) nodes of the layer, ascending."""
         return self.tied.nodes
 
-    @property
+    @cached_property
     def known(self) -> Marks:
         """(n,) nodes whose positions follow from the moving nodes alone: moving nodes, fixed nodes and the layer."""
         known = self.prescribed.copy()

@@ -161,7 +161,7 @@ class BoundaryMotion:
 
     def field_map(self, factors: FactorSource) -> FieldMap:
         """The field as a function of the displacements of its control nodes."""
-        return FieldMap(self.motion.factorized(self.motion.control_nodes(self.motion.roles.all), factors), factors)
+        return FieldMap(self.motion.factorized(self.motion.controls, factors), factors)
 
     def plain_slope(self, points: Floats, factors: FactorSource) -> PlainSlope:
         """The derivative of the motion of these nodes that has led to ``points`` (n, d), without a correction.
@@ -237,12 +237,6 @@ class BoundaryMotion:
         origin = self.motion.reference[self.motion.roles.moving]
         bodies = self.bodies.values() if self.motion.periodic is None else ()  # images must move together
         return ways(origin, targets, tuple(bodies))
-
-    @property
-    def known(self) -> Integers:
-        """(k,) nodes that the field does not place: nodes with a role, and nodes of the walls' layers."""
-        roles, layer = self.motion.roles.all, self.motion.layer
-        return roles if layer is None else np.union1d(roles, layer.nodes)
 
     @property
     def orbits(self) -> Integers:

@@ -229,15 +229,10 @@ class PlainSlope:
     @classmethod
     def build(cls, motion: StandardMotion, plain: Floats, factors: FactorSource) -> PlainSlope:
         """Build the derivative of the motion that has led to ``plain`` (n, d)."""
-        roles, layer = motion.roles, motion.layer
-        steps, known = [], roles.all
-        if layer is not None:
-            steps.append(_of_layer(motion, plain))
-            known = np.union1d(known, np.flatnonzero(layer.known))
+        steps = [] if motion.layer is None else [_of_layer(motion, plain)]
         steps += _of_walls(motion, plain, factors)
-        controls = motion.control_nodes(roles.all)
-        outer = _Interpolated.build(motion, controls, plain, motion.reference, factors, known)
-        return cls(motion, tuple(steps), outer, known, _of_images(motion))
+        outer = _Interpolated.build(motion, motion.controls, plain, motion.reference, factors, motion.known)
+        return cls(motion, tuple(steps), outer, motion.known, _of_images(motion))
 
     def apply(self, velocity: Floats) -> Floats:
         """(n, d) velocities of all nodes for velocities (k, d) of the moving nodes."""

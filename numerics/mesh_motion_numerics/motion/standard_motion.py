@@ -281,8 +281,7 @@ class StandardMotion:
                     prescribed[layer.nodes] = layer.carried(prescribed)
             if self.sliding is not None:
                 prescribed = self._slid(points, prescribed, factors, watch)
-            known = roles.all if layer is None else np.union1d(roles.all, np.flatnonzero(layer.known))
-            controls = self.control_nodes(roles.all)
+            known, controls = self.known, self.controls
             places, goal = prescribed[known], prescribed[controls]
         solved = self.solved(points, controls, goal, factors, watch)
         with watch.phase("displace"):
@@ -324,6 +323,16 @@ class StandardMotion:
         """The control nodes for nodes (c,) with a role: one node of each periodic orbit stands for its images."""
         controls = self._controls(nodes)
         return controls if self.periodic is None else np.unique(self.periodic.root_of(controls))
+
+    @cached_property
+    def controls(self) -> Integers:
+        """(c,) the control nodes of all nodes with a role."""
+        return self.control_nodes(self.roles.all)
+
+    @cached_property
+    def known(self) -> Integers:
+        """(k,) nodes that the interpolation does not place: those with a role, and those of the layer."""
+        return self.roles.all if self.layer is None else np.union1d(self.roles.all, self.layer.nodes)
 
     def solved(
         self, points: Floats, controls: Integers, goal: Floats, factors: FactorSource, watch: Stopwatch
