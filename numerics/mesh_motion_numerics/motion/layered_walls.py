@@ -90,10 +90,6 @@ class LayeredWalls:
             return True
         return bool(np.any(np.linalg.norm(now / own[:, None] - before / length[:, None], axis=1) > _TURN))
 
-    def needed_for(self, moved: Floats, *, corrected: bool) -> BoundaryLayer | None:
-        """The layer, if positions (n, d) found without it spoil it, or will be ``corrected``, which may spoil it."""
-        return self.layer if corrected or self.spoiled_by(moved) else None
-
     @cached_property
     def layer(self) -> BoundaryLayer | None:
         """The layer that moves with the walls."""

@@ -312,11 +312,14 @@ class MotionModel(DifferentiableMesh):
         return replace(trial, points=wind(trial.points))
 
     def _fitting_layer(self, step: _Step, plain: _Predicted) -> BoundaryLayer | None:
-        """The part of the boundary layer that can be carried to the targets, if a motion without it may spoil it."""
+        """The part of the boundary layer that can be carried to the targets, if a motion without it may spoil it.
+
+        The plain motion itself may spoil it, and so may a correction.
+        """
         if self.layered is None:
             return None
-        bad = plain.quality.metric.min < self.method.quality_threshold and self.method.correction != "none"
-        layer = self.layered.needed_for(plain.trial.points, corrected=bad)
+        corrected = plain.quality.metric.min < self.method.quality_threshold and self.method.correction != "none"
+        layer = self.layered.layer if corrected or self.layered.spoiled_by(plain.trial.points) else None
         if layer is None:
             return None
         moved = self.points.copy()

@@ -33,7 +33,6 @@ __all__ = [
     "WorstCell",
     "distribution",
     "judged_mesh",
-    "lowest_quality",
     "percentile_ranks",
     "reported_metrics",
     "smallest",
@@ -194,20 +193,6 @@ def judged_mesh(
         return LowestQuality(metric, Minimum(float(found[0])), inverted, len(cells), named), distorted
     rows = dict(zip(reported_metrics(metric), starmap(Distribution, found.tolist()), strict=True))
     return QualitySummary.of(rows, metric, inverted=inverted, cells=len(cells), worst=named), distorted
-
-
-def lowest_quality(
-    points: NDArray[np.floating],
-    cells: CellTable,
-    reference_sizes: AtRest,
-    *,
-    metric: str = "size-skew",
-    worst: int = 10,
-) -> LowestQuality:
-    """The quality of :func:`judged_mesh` without distributions."""
-    found = judged_mesh(points, cells, reference_sizes, metric=metric, worst=worst, distributions=False)[0]
-    assert isinstance(found, LowestQuality)
-    return found
 
 
 def summarize(
