@@ -24,14 +24,14 @@ from mok_benchmark.parameters import MESH_SOLVERS, Case, materials
 from turek import CASES
 
 _LENGTH, _HEIGHT, _CENTRE, _RADIUS = 2.5, 0.41, (0.2, 0.2), 0.05
-_RAMP, _HERTZ = 2.0, 1.9  # s, in which the inflow is raised; the flag's frequency
+_RAMP = 2.0  # s, in which the inflow is raised
 MOTIONS = dict(zip(("own", "server"), MESH_SOLVERS, strict=True))
 
 
 def kratos_case(time_step: float) -> Case:
     """The channel; the increasing inflow is tilted with the flag's frequency, so that the flag swings earlier."""
     parabola = f"{6.0 * CASES['fsi2'].inflow / _HEIGHT**2!r}*y*({_HEIGHT}-y)"
-    tilt = f"(1+0.3*sin(2*pi*{_HERTZ}*t)*sin(pi*t/{_RAMP})*(y/{_HEIGHT / 2.0}-1))"
+    tilt = f"(1+0.3*sin(2*pi*{CASES['fsi2'].frequency}*t)*sin(pi*t/{_RAMP})*(y/{_HEIGHT / 2.0}-1))"
     rising = f"{parabola}*{tilt}*(1-cos(pi*t/{_RAMP}))/2"
     return Case(
         no_slip=("walls", "cylinder"), slip=(), inflow=((rising, (0.0, _RAMP)), (parabola, (_RAMP, "End"))),

@@ -33,6 +33,7 @@ class Case:
     """A case of the benchmark, in SI units."""
 
     inflow: float  #: mean velocity of the inflow
+    frequency: float  #: at which the flag swings, about
     density: float  #: the flag's
     young: float
     dt: float
@@ -40,8 +41,8 @@ class Case:
 
 
 CASES = {
-    "fsi2": Case(inflow=1.0, density=1e4, young=1.4e6, dt=4e-3, end=15.0),
-    "fsi3": Case(inflow=2.0, density=1e3, young=5.6e6, dt=2e-3, end=8.0),
+    "fsi2": Case(inflow=1.0, frequency=1.9, density=1e4, young=1.4e6, dt=4e-3, end=15.0),
+    "fsi3": Case(inflow=2.0, frequency=5.3, density=1e3, young=5.6e6, dt=2e-3, end=8.0),
 }
 
 
@@ -62,7 +63,7 @@ def run(options: argparse.Namespace) -> list[Row]:
     build_library(ADAPTER)
     files = {
         "system/blockMeshDict": block_mesh(options.refinement),
-        "system/inflow": f"mean  {case.inflow!r};\n",
+        "system/inflow": f"mean       {case.inflow!r};\nfrequency  {case.frequency!r};\n",
     }
     make_case(HERE / "fluid", out / "fluid", options.motion, ADAPTER, files)
     (root, middle), length, width = FLAG

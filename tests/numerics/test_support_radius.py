@@ -2,7 +2,11 @@
 
 import numpy as np
 import pytest
-from mesh_motion_numerics.interpolation.support_radius import suggest_enrichment_radius, suggest_support_radius
+from mesh_motion_numerics.interpolation.support_radius import (
+    suggest_enrichment_radius,
+    suggest_support_radius,
+    with_reach,
+)
 from mesh_motion_numerics.mesh.roles import BoundaryRoles
 from mesh_motion_numerics.method import Method
 from mesh_motion_numerics.motion.motion import MotionModel
@@ -56,6 +60,15 @@ def test_the_enrichment_radius_is_no_larger_than_the_support_radius_and_never_ze
     assert suggest_enrichment_radius(line, ends, 2.5) == 1.0
     assert suggest_enrichment_radius(line, ends, 0.3) == 0.3
     assert suggest_enrichment_radius(line, roles(11), 2.5) == 2.5
+
+
+@pytest.mark.parametrize(("count", "wave"), [(400, 1 / 8), (16, 3 * np.sin(np.pi / 16)), (4, 1.0)])
+def test_the_first_level_follows_no_waves_that_a_coarse_wall_does_not_have(count: int, wave: float) -> None:
+    points = np.vstack([circle(count, 0.5), circle(100, 5.0)])
+    body = BoundaryRoles(np.arange(count), np.arange(count, count + 100), NONE, NONE)
+    smoothing = with_reach(Method(), points, body, periodic=None)[1].smoothing
+    assert smoothing is not None
+    assert smoothing.wave == pytest.approx(wave, rel=1e-9)
 
 
 @pytest.mark.parametrize(

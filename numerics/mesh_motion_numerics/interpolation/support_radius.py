@@ -45,6 +45,7 @@ from scipy.spatial import cKDTree
 from mesh_motion_numerics.arrays import Floats
 from mesh_motion_numerics.interpolation.kernels import DEFAULT_BASIS, MULTISCALE
 from mesh_motion_numerics.interpolation.two_scale.smoothing import Smoothing
+from mesh_motion_numerics.mesh.neighbours import local_spacing
 from mesh_motion_numerics.mesh.periodic_nodes import PeriodicNodes
 from mesh_motion_numerics.mesh.points import bounding_box
 from mesh_motion_numerics.mesh.roles import BoundaryRoles
@@ -57,12 +58,16 @@ _DOMAIN_LENGTHS, _BODIES = 2.5, 20.0
 _LARGE, _FAR, _NEAR, _MEAN = 3.5, 5.0, 10.0, 1.6
 #: Shortest wave of the boundary that the first level follows, in B (in 3D in the second side, as the longest may be the
 #: span), and the radii of the narrow levels in spacings: by dimension without layers that move with their walls, and
-#: with them. Noise of the boundary reaches the nodes of 29 meshes up to 13 times as large, without smoothing up to
+#: with them. Noise of the boundary reaches the nodes of 29 meshes up to 9 times as large, without smoothing up to
 #: hundreds of times. With a shorter wave or wider levels the noise grows: 15 times with 16 spacings. With a longer wave
 #: or narrower levels, first cells turn: at the sharp edges of aerofoils that turn by 45° by 1.9° to 3.5° (1.6° to 1.7°
 #: without smoothing), with 0.15 B and 6 spacings by up to 5°. First cells of a layer that moves with its wall do not
 #: turn; but levels continue the noise of a thin trailing edge into the wake, 15 times with 16 spacings, 8 with 6.
 _SMOOTH, _SMOOTH_LAYER = {1: (0.125, 10.0), 2: (0.125, 10.0), 3: (0.2, 16.0)}, (0.3, 6.0)
+#: The wave is at least this number of spacings, as a coarse wall has no shorter waves, but at most one body long; three
+#: quarters of the moving nodes do not exceed the spacing. Noise of a tower of 0.4 x 0.4 x 1.5 with a spacing of 0.09
+#: then grows 5 times instead of 13 times.
+_WAVE = 3.0
 _SAMPLE = 20_000  # number of nodes at which the largest ball is searched
 _EACH = 16  # every 16th of them is tested first
 _ROUNDING = 1e-9
@@ -131,7 +136,9 @@ def with_reach(
         if method.correction == "smooth":
             section = float(sides[1]) if len(sides) > 2 else body
             pairs = _SMOOTH[len(sides)], _SMOOTH_LAYER
-            smoothing = [Smoothing(wave * section, radii) for wave, radii in pairs]
+            spacing = float(np.quantile(local_spacing(points[roles.moving]), 0.75))
+            shortest = min(_WAVE * spacing, section)
+            smoothing = [Smoothing(max(wave * section, shortest), radii) for wave, radii in pairs]
         away = float(np.linalg.norm(points[roles.fixed] - box.mean(axis=0), axis=1).min(initial=np.inf))
         far = _FAR * body <= away < np.inf
         large = far or _longest_side(points) > _LARGE * body
