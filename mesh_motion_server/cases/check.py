@@ -22,7 +22,7 @@ from mesh_motion_numerics.motion.one_layer_motion import AS_A_PLANE
 from mesh_motion_numerics.quality.mesh_check import checked_mesh
 from mesh_motion_numerics.quality.metrics import cell_quality
 from mesh_motion_numerics.quality.orientation import oriented
-from mesh_motion_numerics.reduction.near_surface import boundary_spacing
+from mesh_motion_numerics.reduction.reduced_motion import boundary_spacing
 from mesh_motion_protocol.errors import InvalidInput, MeshMotionError, QualityRefused
 
 from mesh_motion_server.cases.case import Case, read_case

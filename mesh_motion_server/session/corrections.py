@@ -23,6 +23,7 @@ from mesh_motion_numerics.distributed.field import Field
 from mesh_motion_numerics.distributed.region import ALL, Extent, Region
 from mesh_motion_numerics.interpolation import evaluation
 from mesh_motion_numerics.interpolation.factor_source import FactorSource
+from mesh_motion_numerics.mesh.points import marks_at
 from mesh_motion_numerics.method import Method
 from mesh_motion_numerics.motion.crossing import refuse_region
 from mesh_motion_numerics.motion.exact_displacements import differences_of
@@ -130,8 +131,7 @@ def correct(
             f"CORRECT: expected one region from all partitions, got {extents[0]} and {extents[1]}",
             hint="send the cells of the region that the last answer requested",
         )
-    placed = np.zeros(len(points), dtype=bool)
-    placed[boundary.known] = True
+    placed = marks_at(len(points), boundary.motion.known)
 
     def known(rows: Integers) -> Floats:
         there = mesh.points[rows]
@@ -178,7 +178,7 @@ def _ways(
     mesh: MergedMesh, model: BoundaryMotion, targets: Floats, region: MergedRegion, factors: FactorSource
 ) -> Iterator[Callable[[float], Floats]]:
     """Positions of the region's nodes by interpolation, along ways of the moving nodes to the ``targets`` (k, d)."""
-    rows = np.flatnonzero(np.isin(region.rows, model.known))
+    rows = np.flatnonzero(np.isin(region.rows, model.motion.known))
     of_rows = region.rows[rows]
 
     def plain(at: Floats) -> Floats:

@@ -8,13 +8,12 @@ import pytest
 from mesh_motion_numerics.distributed.judging import (
     Unanswered,
     as_plain,
-    first_questions,
     read_report,
     report_fields,
     summary_of,
 )
 from mesh_motion_numerics.distributed.order_statistics import content
-from mesh_motion_numerics.distributed.summaries import PartialSummary, Questions
+from mesh_motion_numerics.distributed.summaries import PartialSummary, Questions, first_questions
 from mesh_motion_numerics.quality.metrics import CellQuality
 from mesh_motion_numerics.quality.quality_summary import distribution, smallest, worst_cells
 from mesh_motion_protocol.errors import InvalidInput
@@ -39,7 +38,6 @@ def fields(number: int, further: Questions = ()) -> dict[str, Any]:
         inverted=int(own.inverted.sum()),
         sums={name: float(one.sum()) for name, one in values.items()},
         minima={name: float(one.min()) for name, one in values.items()},
-        contents={},
         worst=worst_cells(worst, np.zeros((len(worst), 3)), own.worst(worst, METRIC)),
     )
     questions = (*first_questions(METRIC), *further)

@@ -6,7 +6,7 @@ from box_meshes import box_mesh
 from correction_cases import squeezed, stored
 from frame_meshes import rotation, square_frame, tensor_grid, without_unused
 from mesh_motion_numerics.mesh.cells import CellTable
-from mesh_motion_numerics.motion.body_paths import moving_bodies, straight_way, ways
+from mesh_motion_numerics.motion.body_paths import Way, moving_bodies, ways
 
 
 def distances(points: np.ndarray) -> np.ndarray:
@@ -76,7 +76,7 @@ def test_without_a_rotation_there_is_only_the_straight_way() -> None:
     origin = mesh.points[mesh.body]
     targets = origin + squeezed(mesh, 0.1)[mesh.body]
     (way,) = ways(origin, targets, moving_bodies(mesh.cells, mesh.body))
-    assert np.array_equal(way.at(0.5), straight_way(origin, targets).at(0.5))
+    assert np.array_equal(way.at(0.5), Way(origin, targets).at(0.5))
 
 
 def test_bodies_that_change_places_go_around_each_other() -> None:

@@ -13,7 +13,7 @@ from mesh_motion_numerics.quality.metrics import (
     corner_quality,
     reference_sizes,
 )
-from mesh_motion_numerics.quality.quality_summary import judged_mesh, lowest_of, lowest_quality, mesh_summary
+from mesh_motion_numerics.quality.quality_summary import judged_mesh, summarize
 from thread_counts import on_one_and_on_all_threads
 from tiny_meshes import tiny_mesh, tiny_meshes
 
@@ -23,11 +23,11 @@ RELATIVE = "relative-size-skew"
 
 
 def assert_same(points: np.ndarray, cells: CellTable, sizes: np.ndarray, metric: str = "size-skew") -> None:
-    found, full = (judge(points, cells, sizes, metric=metric) for judge in (lowest_quality, mesh_summary))
+    found, full = (judged_mesh(points, cells, sizes, metric=metric, distributions=all_)[0] for all_ in (False, True))
     assert (found.metric.min, found.inverted, found.cells) == (full.metric.min, full.inverted, full.cells)
     assert repr(found.worst) == repr(full.worst)
     assert found.metric_name == full.metric_name
-    of_all = lowest_of(cell_quality(points, cells, sizes), points, cells, metric=metric)
+    of_all = summarize(cell_quality(points, cells, sizes), points, cells, metric=metric, distributions=False)
     assert repr(of_all) == repr(found)
 
 
@@ -87,7 +87,7 @@ def test_no_cell_at_or_below_the_limit_is_passed_over(seed, stretch, metric):
     values = cell_quality(points, cells, rest).metric(metric)
     expected = np.argsort(values, kind="stable")
     for count in (1, 10, 4000):
-        found = lowest_quality(points, cells, rest, metric=metric, worst=count)
+        found = judged_mesh(points, cells, rest, metric=metric, worst=count, distributions=False)[0]
         assert [cell.number for cell in found.worst] == expected[:count].tolist()
         assert found.inverted == np.count_nonzero(cell_quality(points, cells, rest).inverted)
 
@@ -95,7 +95,7 @@ def test_no_cell_at_or_below_the_limit_is_passed_over(seed, stretch, metric):
 def test_equal_cells_are_named_in_order():
     points, cells = TETRA
     same = CellTable.from_arrays({"tetra": np.tile(cells.blocks[0].nodes[:1], (3000, 1))})
-    found = lowest_quality(1.1 * points, same, reference_sizes(points, same))
+    found = judged_mesh(1.1 * points, same, reference_sizes(points, same), distributions=False)[0]
     assert [cell.number for cell in found.worst] == list(range(10))
 
 
@@ -112,7 +112,7 @@ def test_threads_do_not_matter():
     points, cells = TETRA
     moved = points + np.random.default_rng(3).uniform(-0.02, 0.02, points.shape)
     sizes = reference_sizes(points, cells)
-    one, all_of_them = on_one_and_on_all_threads(lambda: lowest_quality(moved, cells, sizes))
+    one, all_of_them = on_one_and_on_all_threads(lambda: judged_mesh(moved, cells, sizes, distributions=False)[0])
     assert one == all_of_them
 
 

@@ -4,13 +4,7 @@ import numpy as np
 import pytest
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.quality.metrics import QUALITY_METRICS, cell_quality, cells_at_rest, reference_sizes
-from mesh_motion_numerics.quality.quality_summary import (
-    distribution,
-    lowest_of,
-    lowest_quality,
-    mesh_summary,
-    summarize,
-)
+from mesh_motion_numerics.quality.quality_summary import distribution, judged_mesh, summarize
 from mesh_motion_protocol.errors import InvalidInput
 from thread_counts import on_one_and_on_all_threads
 from tiny_meshes import tiny_meshes
@@ -30,7 +24,7 @@ def test_the_numbers_are_those_of_all_cells(name, metric):
     for size in (0.0, 1e-12, 1e-3, 0.05, 0.2):
         moved = shaken(points, size)
         expected = summarize(cell_quality(moved, cells, sizes), moved, cells, metric=metric, worst=7)
-        assert mesh_summary(moved, cells, sizes, metric=metric, worst=7) == expected
+        assert judged_mesh(moved, cells, sizes, metric=metric, worst=7)[0] == expected
 
 
 def test_blocks_of_several_types_are_numbered_through():
@@ -41,8 +35,8 @@ def test_blocks_of_several_types_are_numbered_through():
     cells = CellTable.from_arrays({b.type.name: b.nodes + start for b, start in zip(blocks, starts, strict=False)})
     sizes, moved = reference_sizes(points, cells), shaken(points, 0.04)
     expected = summarize(cell_quality(moved, cells, sizes), moved, cells, worst=500)
-    assert mesh_summary(moved, cells, sizes, worst=500) == expected
-    assert lowest_quality(moved, cells, sizes, worst=500).worst == expected.worst
+    assert judged_mesh(moved, cells, sizes, worst=500)[0] == expected
+    assert judged_mesh(moved, cells, sizes, worst=500, distributions=False)[0].worst == expected.worst
     assert len({cells.locate(cell.number)[0].type.name for cell in expected.worst}) > 1
 
 
@@ -50,7 +44,7 @@ def test_threads_do_not_matter():
     points, cells = MESHES["triangle"]
     many = CellTable.from_arrays({"triangle": np.tile(cells.blocks[0].nodes, (400, 1))})
     sizes, moved = reference_sizes(points, many), shaken(points, 0.03)
-    one, all_of_them = on_one_and_on_all_threads(lambda: mesh_summary(moved, many, sizes))
+    one, all_of_them = on_one_and_on_all_threads(lambda: judged_mesh(moved, many, sizes)[0])
     assert one == all_of_them
 
 
@@ -72,9 +66,9 @@ def test_a_summary_names_the_worst_cells():
     assert summary.metric == distribution(quality.metric("size-skew-product"))
     named = {"size": summary.size, "skew": summary.skew, "size_skew": summary.size_skew, "metric": summary.metric}
     assert summary.reported == named
-    lowest = lowest_of(quality, moved, cells, metric="size-skew-product")
+    lowest = summarize(quality, moved, cells, metric="size-skew-product", distributions=False)
     assert lowest.reported == {"metric": lowest.metric}
     with pytest.raises(InvalidInput, match="unknown quality metric"):
         summarize(quality, moved, cells, metric="angle")
     with pytest.raises(InvalidInput, match="unknown quality metric"):
-        mesh_summary(moved, cells, reference_sizes(points, cells), metric="angle")
+        judged_mesh(moved, cells, reference_sizes(points, cells), metric="angle")

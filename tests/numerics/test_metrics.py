@@ -15,7 +15,7 @@ from mesh_motion_numerics.quality.metrics import (
     reference_sizes,
     subset_quality,
 )
-from mesh_motion_numerics.quality.quality_summary import lowest_quality, mesh_summary
+from mesh_motion_numerics.quality.quality_summary import judged_mesh
 from mesh_motion_protocol.errors import InvalidInput
 from thread_counts import on_one_and_on_all_threads
 
@@ -152,7 +152,7 @@ def test_a_position_that_is_no_number_is_the_worst(name, value):
     cells = one_cell(name)
     for metric in QUALITY_METRICS:
         assert quality.metric(metric)[0] == -np.inf
-        lowest = lowest_quality(points, cells, cells_at_rest(IDEAL[name], cells), metric=metric)
+        lowest = judged_mesh(points, cells, cells_at_rest(IDEAL[name], cells), metric=metric, distributions=False)[0]
         assert (lowest.metric.min, lowest.worst[0].number, lowest.inverted) == (-np.inf, 0, 1)
 
 
@@ -176,7 +176,7 @@ def test_unknown_names_and_wrong_shapes_are_refused_in_words():
     points, cells = grid(3)
     sizes = reference_sizes(points, cells)
     with pytest.raises(InvalidInput, match="unknown quality metric 'shape'; known are size, skew, size-skew"):
-        lowest_quality(points, cells, sizes, metric="shape")
+        judged_mesh(points, cells, sizes, metric="shape", distributions=False)[0]
     with pytest.raises(InvalidInput, match=r"expected an array of shape \(n, 2\) for 2D cells, got \(9, 3\)") as caught:
         cell_quality(np.zeros((9, 3)), cells, sizes)
     assert caught.value.code == "INVALID_ARGUMENT.SHAPE"
@@ -253,6 +253,7 @@ def test_relative_shapes_of_some_cells_are_those_of_all():
     some, every = (of(moved, mesh.cells, at_rest, *n) for of, n in ((subset_quality, (numbers,)), (cell_quality, ())))
     for name in ("size", "skew", "inverted", "relative_shape"):
         assert getattr(some, name).tobytes() == getattr(every, name)[numbers].tobytes(), name
-    for one in (mesh_summary, lowest_quality):
-        found = one(moved, mesh.cells, at_rest, metric="relative-size-skew", worst=1)
+    for distributions in (True, False):
+        choices = {"metric": "relative-size-skew", "worst": 1, "distributions": distributions}
+        found, _ = judged_mesh(moved, mesh.cells, at_rest, **choices)
         assert found.metric.min == every.metric("relative-size-skew").min()

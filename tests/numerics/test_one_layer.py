@@ -244,3 +244,10 @@ def test_sides_in_a_patch_of_a_plane_keep_its_role(role: str, split: bool) -> No
         ends = outer.nodes[np.isin(points[outer.nodes, axis], [points[:, axis].min(), points[:, axis].max()])]
         assert np.abs(moved[ends, axis]).max() < 1e-12
         assert role != "fixed" or not moved[ends].any()
+
+
+def test_a_mesh_is_checked_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The check takes a tenth of the time in which a model in 3D is built."""
+    mesh = box_mesh("hexahedron")
+    monkeypatch.setattr("mesh_motion_numerics.motion.prepared_mesh.checked_mesh", None)
+    assert motion_model(mesh.points, mesh.cells, mesh.patches, Method()).warnings == ()

@@ -8,7 +8,7 @@ from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.quality.metrics import cell_quality, reference_sizes
 from mesh_motion_numerics.quality.quality_summary import (
     distribution,
-    mesh_summary,
+    judged_mesh,
     percentile_ranks,
     smallest,
     summarize,
@@ -92,7 +92,7 @@ def test_a_sample_of_cells_that_misleads_costs_time_only():
     points = (corners + RANDOM.uniform(-0.1, 0.1, (m, 3, 2)) * chosen[:, None, None]).reshape(-1, 2)
     cells = CellTable.from_arrays({"triangle": np.arange(3 * m).reshape(-1, 3)})
     sizes = reference_sizes(np.tile(corners, (m, 1)), cells)
-    assert mesh_summary(points, cells, sizes) == summarize(cell_quality(points, cells, sizes), points, cells)
+    assert judged_mesh(points, cells, sizes)[0] == summarize(cell_quality(points, cells, sizes), points, cells)
     values = cell_quality(points, cells, sizes).metric("size-skew")
     assert_exact(values)
 

@@ -49,6 +49,20 @@ def layered() -> BodyMesh:
     return BodyMesh(points, cells, np.arange(25 * 64, len(points)), np.arange(64))
 
 
+def test_a_mesh_without_distributions_keeps_what_is_prepared() -> None:
+    """Later coupling iterations use it: to prepare layers and turns again took several times as long as a step."""
+    mesh = layered()
+    full = MotionModel.build(mesh.points, mesh.cells, mesh.patches, Method())
+    full.move(full.points, full.points[full.roles.moving])
+    brief = full.without_distributions()
+    assert not brief.distributions
+    assert brief.carrying_layers is full.carrying_layers
+    assert brief.winding is full.winding
+    assert full.without_distributions() is brief
+    assert full.carrying_layers.layer is not None
+    assert full.motion_with(full.carrying_layers.layer) is full.carrying_layers
+
+
 def turned(model: MotionModel, degrees: float) -> np.ndarray:
     rest, angle = model.points[model.roles.moving], np.radians(degrees)
     turn = np.eye(rest.shape[1])

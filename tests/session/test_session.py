@@ -13,7 +13,7 @@ from mesh_motion_numerics.distributed.region import Extent, Region
 from mesh_motion_numerics.mesh.finite_volume import face_measures
 from mesh_motion_numerics.quality.metrics import reference_sizes
 from mesh_motion_numerics.quality.orientation import _mirrored
-from mesh_motion_numerics.quality.quality_summary import mesh_summary
+from mesh_motion_numerics.quality.quality_summary import judged_mesh
 from mesh_motion_protocol.errors import DataLoss, InvalidInput, QualityRefused, SessionError
 from raising import raising
 from tiny_meshes import tiny_mesh
@@ -241,7 +241,7 @@ def whole_region(extent: Extent, *, whole: bool = True) -> list[Region]:
 def quality_of(squeezed: float) -> Any:
     """The quality of a few triangles that are squeezed along y."""
     points, cells = tiny_mesh("triangle", 2)
-    return mesh_summary(points * [1.0, squeezed], cells, reference_sizes(points, cells))
+    return judged_mesh(points * [1.0, squeezed], cells, reference_sizes(points, cells))[0]
 
 
 def test_a_trial_whose_cells_are_with_the_client_is_committed_once_they_are_judged(tmp_path: Path) -> None:

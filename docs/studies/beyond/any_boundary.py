@@ -11,8 +11,8 @@ from mesh_motion_numerics.interpolation.assembly import dense_block
 from mesh_motion_numerics.interpolation.kernels import basis_named
 from mesh_motion_numerics.interpolation.two_scale.factorization import TwoScaleFactorization
 from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.mesh.neighbours import local_spacing
 from mesh_motion_numerics.mesh.points import padded
-from mesh_motion_numerics.mesh.spacing import local_spacing
 from mesh_motion_numerics.method import Method
 from mesh_motion_numerics.motion.motion import MotionModel
 from mesh_motion_numerics.quality.metrics import cell_quality, cells_at_rest

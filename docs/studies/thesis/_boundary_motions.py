@@ -12,7 +12,7 @@ from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.mesh.roles import Patch
 from mesh_motion_numerics.quality.metrics import cell_quality, reference_sizes
 from mesh_motion_numerics.reduction import Level, Reduced, ReductionProblem
-from mesh_motion_numerics.reduction.near_surface import BASIS, boundary_spacing, near_surface_radius
+from mesh_motion_numerics.reduction.reduced_motion import BASIS, boundary_spacing, near_surface_radius
 from numpy.typing import NDArray
 
 from docs.studies.moved_bodies import ROOT, StoredMesh, Turn, stored

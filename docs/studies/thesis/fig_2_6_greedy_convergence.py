@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from mesh_motion_numerics.blas import one_blas_thread
 from mesh_motion_numerics.reduction import Iterate, Reduced, ReductionProblem
-from mesh_motion_numerics.reduction.full_solve import full_weights
+from mesh_motion_numerics.reduction.growing_set import full_weights
 
 from docs.studies.study import Cell, Outcome, Picture, Study, Table
 from docs.studies.thesis._boundary_motions import MeshMotion, block, wing

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from mesh_motion_numerics.blas import one_blas_thread
 from mesh_motion_numerics.reduction import Reduced, ReductionProblem
-from mesh_motion_numerics.reduction.full_solve import full_weights
-from mesh_motion_numerics.reduction.progress import lengths
+from mesh_motion_numerics.reduction.growing_set import full_weights
+from mesh_motion_numerics.reduction.problem import lengths
 
 from docs.studies.study import Cell, Outcome, Picture, Study, Table
 from docs.studies.thesis._boundary_motions import MeshMotion, layered, wing

@@ -21,7 +21,7 @@ from mesh_motion_numerics.interpolation.two_scale.interpolant import TwoScaleInt
 from mesh_motion_numerics.method import Method
 from mesh_motion_numerics.quality.metrics import reference_sizes
 from mesh_motion_numerics.reduction import REDUCTIONS
-from mesh_motion_numerics.reduction.near_surface import boundary_spacing, near_surface_radius
+from mesh_motion_numerics.reduction.reduced_motion import boundary_spacing, near_surface_radius
 from mesh_motion_protocol.errors import QualityRefused
 from numpy.typing import NDArray
 

@@ -184,6 +184,6 @@ STUDY = Study(
     claims=claims,
     functions=(
         "docs.studies.thesis._point_reduction.REDUCTIONS",
-        "mesh_motion_numerics.reduction.near_surface.near_surface_radius",
+        "mesh_motion_numerics.reduction.reduced_motion.near_surface_radius",
     ),
 )

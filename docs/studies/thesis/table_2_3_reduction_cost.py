@@ -156,7 +156,7 @@ STUDY = Study(
     run=run,
     claims=claims,
     functions=(
-        "mesh_motion_numerics.reduction.full_solve.full_operations",
+        "mesh_motion_numerics.reduction.growing_set.full_operations",
         "docs.studies.thesis._point_reduction.incremental_lu.GrowingLU",
         "docs.studies.thesis._point_reduction.recurrence_cholesky.reduce",
     ),

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from mesh_motion_numerics.arrays import Floats, Integers
 from mesh_motion_numerics.mesh.cells import CellTable
-from mesh_motion_numerics.mesh.points import bounding_box
+from mesh_motion_numerics.mesh.points import bounding_box, marks_at
 from mesh_motion_numerics.mesh.roles import Patch
 from mesh_motion_numerics.motion.exact_displacements import differences_of
 from mesh_motion_protocol.errors import InvalidInput
@@ -118,7 +118,14 @@ class MergedMesh:
     @cached_property
     def moving(self) -> Integers:
         """(k,) canonical indices of the moving nodes, ascending."""
-        return np.unique(np.concatenate([m[local] for m, local in self._moving_pairs()]))
+        pairs = zip(self.node_maps, self.moving_local, strict=True)
+        return np.unique(np.concatenate([node_map[local] for node_map, local in pairs]))
+
+    @cached_property
+    def _moving_rows(self) -> list[Integers]:
+        """Per partition: the row in ``moving`` of each node of its ``moving_local``."""
+        pairs = zip(self.node_maps, self.moving_local, strict=True)
+        return [np.searchsorted(self.moving, node_map[local]) for node_map, local in pairs]
 
     @cached_property
     def on_patches(self) -> Integers:
@@ -191,8 +198,7 @@ class MergedMesh:
     @cached_property
     def _moving_places(self) -> list[tuple[Integers, Integers]]:
         """Per partition: its local moving nodes, from any partition's list, and their rows in ``moving``."""
-        is_moving = np.zeros(len(self.points), dtype=bool)
-        is_moving[self.moving] = True
+        is_moving = marks_at(len(self.points), self.moving)
         local = [np.flatnonzero(is_moving[node_map]) for node_map in self.node_maps]
         return [(own, np.searchsorted(self.moving, m[own])) for own, m in zip(local, self.node_maps, strict=True)]
 
@@ -200,7 +206,7 @@ class MergedMesh:
         """Rows (k_p, c) of the moving nodes' ``values`` (k, c) for each partition, in the order of its
         ``moving_local``.
         """
-        return [np.take(values, np.searchsorted(self.moving, m[own]), axis=0) for m, own in self._moving_pairs()]
+        return [np.take(values, rows, axis=0) for rows in self._moving_rows]
 
     def gather_sums(self, values: Sequence[Floats]) -> Floats:
         """(n, c) the sums of the values (n_p, c) that partitions give for their nodes."""
@@ -228,24 +234,15 @@ class MergedMesh:
             Rows in the order of ``moving``.
         """
         if len(boundary_displacements) == 1:
-            return self._single_gather(boundary_displacements[0])
-        places = [np.searchsorted(self.moving, m[local]) for m, local in self._moving_pairs()]
+            gathered = np.empty_like(boundary_displacements[0])
+            gathered[self._moving_rows[0]] = boundary_displacements[0]
+            return gathered
         try:
-            return united(boundary_displacements, places, len(self.moving), self.extent if scale is None else scale)
+            return united(
+                boundary_displacements, self._moving_rows, len(self.moving), self.extent if scale is None else scale
+            )
         except Torn as torn:
             raise self._torn(torn) from None
-
-    def _moving_pairs(self) -> list[tuple[Integers, Integers]]:
-        return list(zip(self.node_maps, self.moving_local, strict=True))
-
-    def _single_gather(self, rows: Floats) -> Floats:
-        """Rows (k, d) of the only partition, sorted by canonical index."""
-        return np.take(rows, self._moving_order, axis=0)
-
-    @cached_property
-    def _moving_order(self) -> Integers:
-        """(k,) order that sorts the only partition's moving nodes by canonical index."""
-        return np.argsort(self.node_maps[0][self.moving_local[0]])
 
     def _torn(self, torn: Torn) -> InvalidInput:
         """The error for a node that two partitions move to different places."""

@@ -9,6 +9,7 @@ import mesh_motion_kernels as kernels
 import numpy as np
 from numpy.typing import NDArray
 
+from mesh_motion_numerics.arrays import Floats, Integers
 from mesh_motion_numerics.distributed.order_statistics import BINS, FEW, WHOLE, BinContent, Way, content
 from mesh_motion_numerics.distributed.summaries import WORST, PartialSummary, Questions
 from mesh_motion_numerics.mesh.cells import CellTable
@@ -16,9 +17,6 @@ from mesh_motion_numerics.quality.metrics import CellsAtRest, judged
 from mesh_motion_numerics.quality.quality_summary import reported_metrics, worst_cells
 
 __all__ = ["CountedCells"]
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 
 class CountedCells:
@@ -57,7 +55,6 @@ class CountedCells:
             inverted=inverted,
             sums={name: total for name, (total, _, _) in by_name.items()},
             minima={name: least for name, (_, least, _) in by_name.items()},
-            contents={name: self._known[name, WHOLE] for name in self._names},
             worst=worst_cells(worst, self._cells.centres(points, worst), values),
         )
 
@@ -87,7 +84,7 @@ class CountedCells:
         values = self._values(name, np.array([way[0][2] * BINS + way[1][2] for way in ways]))
         self._known |= {(name, way): content(values, way) for way in ways}
 
-    def _whole(self, name: str, counts: Ints, least: float, most: float) -> BinContent:
+    def _whole(self, name: str, counts: Integers, least: float, most: float) -> BinContent:
         """Return all values of a metric: their counts (BINS,), minimum and maximum."""
         if len(self._cells) <= FEW:
             return content(self._values(name, np.unique(self._places_of(name))), WHOLE)

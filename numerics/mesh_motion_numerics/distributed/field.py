@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mesh_motion_numerics.arrays import Floats, Integers
 from mesh_motion_numerics.interpolation import evaluation
 from mesh_motion_numerics.interpolation.centres import CentreLayout
 from mesh_motion_numerics.interpolation.interpolant import Interpolant
@@ -23,9 +23,6 @@ from mesh_motion_numerics.interpolation.two_scale.nested_grid import NestedSplin
 from mesh_motion_numerics.mesh.points import padded
 
 __all__ = ["Field", "FieldPart"]
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,7 +123,7 @@ class FieldPart:
     """The part of fields of one boundary for the points of a box."""
 
     own: Field  # the part of one of these fields
-    rows: Ints | slice  # (r,), or slice. The rows of the part among the coefficients of a whole field
+    rows: Integers | slice  # (r,), or slice. The rows of the part among the coefficients of a whole field
 
     @classmethod
     def whole(cls, field: Field) -> Self:
@@ -200,7 +197,7 @@ def _sum(described: Mapping[str, Any], centres: _Taken, rows: _Taken, layout: Ce
     return Interpolant(points, weights, basis, radius, layout, polynomial)
 
 
-def _visited(layout: CentreLayout, box: Floats) -> Ints:
+def _visited(layout: CentreLayout, box: Floats) -> Integers:
     """The centres, ascending, that a sum visits for points of the box (2, d): their cells are at most one cell from it.
 
     The cells of a row along x are contiguous; the cost depends on the rows in the box, not on all centres.
@@ -216,12 +213,12 @@ def _visited(layout: CentreLayout, box: Floats) -> Ints:
     return np.sort(layout.order[visited])
 
 
-def _layers(cells: Ints) -> Ints:
+def _layers(cells: Integers) -> Integers:
     """(b, 3) number of coefficients along each axis of boxes with ``cells`` (b, 3)."""
     return np.where(cells > 0, cells + 3, 1)
 
 
-def _range(spline: NestedSpline, number: int, box: Floats) -> tuple[Ints, Ints]:
+def _range(spline: NestedSpline, number: int, box: Floats) -> tuple[Integers, Integers]:
     """First (3,) and last + 1 (3,) coefficient of a spline's box along each axis for points of a box (2, d).
 
     The last box is that of the domain: it has every point that no other box has, and points outside it are moved to its
@@ -235,7 +232,7 @@ def _range(spline: NestedSpline, number: int, box: Floats) -> tuple[Ints, Ints]:
     return np.maximum(first - 1, 0), np.minimum(last + 5, _layers(cells))
 
 
-def _places(boxes: Floats) -> Iterator[Ints]:
+def _places(boxes: Floats) -> Iterator[Integers]:
     """The rows of the present coefficients of each box, among the rows of a whole spline."""
     for _, _, _, _, *numbers in boxes.astype(np.int64).tolist():
         cells, start, first, last = numbers[:3], numbers[3], numbers[4:7], numbers[7:]
@@ -247,7 +244,7 @@ def _places(boxes: Floats) -> Iterator[Ints]:
 def _spline(boxes: Floats, rows: Floats, dimension: int) -> NestedSpline:
     """Build the spline from its boxes and the present coefficients; all others are zero."""
     origin, inverse, cells_given, start, _ = np.split(boxes, [3, 4, 7, 8], axis=1)
-    cells: Ints = np.ascontiguousarray(cells_given, dtype=np.int64)
+    cells: Integers = np.ascontiguousarray(cells_given, dtype=np.int64)
     coefficients = np.zeros((int(np.prod(_layers(cells), axis=1).sum()), rows.shape[1]))
     coefficients[np.concatenate(list(_places(boxes)))] = rows
     return NestedSpline(

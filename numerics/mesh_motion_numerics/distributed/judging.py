@@ -24,7 +24,6 @@ __all__ = [
     "RankReport",
     "Unanswered",
     "as_plain",
-    "first_questions",
     "read_questions",
     "read_report",
     "reading",
@@ -48,15 +47,10 @@ class Unanswered(Exception):
 
 @dataclass(frozen=True, eq=False)
 class RankReport:
-    """The report of one rank: its part of the summary, without contents, and the contents of each requested bin."""
+    """The report of one rank: its part of the summary, and the contents of each requested bin."""
 
     part: PartialSummary
     answers: Mapping[tuple[str, Way], BinContent]
-
-
-def first_questions(metric: str) -> Questions:
-    """Questions about all values of each metric of a report."""
-    return tuple((name, WHOLE) for name in reported_metrics(metric))
 
 
 def as_plain(questions: Questions) -> list[dict[str, Any]]:
@@ -148,7 +142,7 @@ def _read_report(fields: Mapping[str, Any], number: Callable[[str, int], int]) -
         for kind, local, *of_cell, centre in ((*row[:_WORST_COLUMNS], row[_WORST_COLUMNS:]) for row in worst.tolist())
     )
     sums, minima = ({str(name): float(value) for name, value in part[key].items()} for key in ("sums", "minima"))
-    return RankReport(PartialSummary(cells, int(part["inverted"]), sums, minima, {}, cells_worst), answers)
+    return RankReport(PartialSummary(cells, int(part["inverted"]), sums, minima, cells_worst), answers)
 
 
 def require(good: bool, expected: str) -> None:
@@ -182,20 +176,15 @@ def summary_of(ranks: Sequence[RankReport], metric: str) -> QualitySummary:
             raise Unanswered(missing)
         return [[rank.answers[one] for rank in ranks] for one in questions]
 
-    whole = ask(first_questions(metric))
-    parts = []
+    names = set(reported_metrics(metric))
     for place, rank in enumerate(ranks):
-        names = set(reported_metrics(metric))
         if set(rank.part.sums) != names or set(rank.part.minima) != names or not rank.part.cells:
             raise InvalidInput(
                 f"JUDGE of partition {place}: expected at least one cell, and sums and minima of {sorted(names)}",
                 details={"partition": place},
             )
-        contents = {name: one[place] for name, one in zip(reported_metrics(metric), whole, strict=True)}
-        part = rank.part
-        parts.append(PartialSummary(part.cells, part.inverted, part.sums, part.minima, contents, part.worst))
     try:
-        return joined(parts, metric, ask)
+        return joined([rank.part for rank in ranks], metric, ask)
     except IndexError as error:
         raise InvalidInput(
             "JUDGE: the bins that the partitions report do not add up",

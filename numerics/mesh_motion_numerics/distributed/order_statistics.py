@@ -14,6 +14,8 @@ import mesh_motion_kernels as kernels
 import numpy as np
 from numpy.typing import NDArray
 
+from mesh_motion_numerics.arrays import Floats, Integers
+
 __all__ = [
     "BINS",
     "FEW",
@@ -25,8 +27,6 @@ __all__ = [
     "narrowed",
 ]
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 BINS = 2048
 #: Largest number of values in a bin that are sent one by one.
@@ -54,7 +54,7 @@ class BinContent:
     #: values, repeated: (v,) arrays or None. The different values, ascending, and how often each occurs, if there are
     #: few
     values: Floats | None
-    repeated: Ints | None
+    repeated: Integers | None
 
 
 def content(values: Floats, way: Way) -> BinContent:
@@ -78,7 +78,7 @@ def _division(way: Way) -> tuple[float, float]:
     return low + wanted / scale, scale * BINS
 
 
-def merged_counts(contents: Sequence[BinContent]) -> Ints:
+def merged_counts(contents: Sequence[BinContent]) -> Integers:
     """(BINS,) counts of all machines."""
     total = np.zeros(BINS, dtype=np.int64)
     for one in contents:

@@ -12,13 +12,15 @@ import numpy as np
 from mesh_motion_protocol.errors import InvalidInput
 from numpy.typing import NDArray
 
+from mesh_motion_numerics.arrays import Floats, Integers
 from mesh_motion_numerics.correction.free_region import cells_of_nodes, nodes_of_cells
 from mesh_motion_numerics.correction.trial_nodes import signed
 from mesh_motion_numerics.distributed.counted_cells import CountedCells
 from mesh_motion_numerics.distributed.field import Field
-from mesh_motion_numerics.distributed.judging import first_questions, read_questions, report_fields
-from mesh_motion_numerics.distributed.order_statistics import WHOLE
+from mesh_motion_numerics.distributed.judging import read_questions, report_fields
+from mesh_motion_numerics.distributed.order_statistics import BinContent, Way
 from mesh_motion_numerics.distributed.region import Extent, Region, region_fields
+from mesh_motion_numerics.distributed.summaries import first_questions
 from mesh_motion_numerics.interpolation import evaluation
 from mesh_motion_numerics.interpolation.evaluation import NearOperators
 from mesh_motion_numerics.interpolation.two_scale.interpolant import AnyInterpolant, TwoScaleInterpolant
@@ -29,9 +31,6 @@ from mesh_motion_numerics.quality.mesh_check import checked_cells, nodes_in_no_c
 from mesh_motion_numerics.quality.metrics import WORST_CORNER, cell_quality, cells_at_rest, corner_quality
 
 __all__ = ["Rank"]
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 
 class Rank:
@@ -56,14 +55,14 @@ class Rank:
         the nodes of the cells near moving walls.
     """
 
-    def __init__(self, points: Floats, cells: Mapping[str, NDArray[np.integer]], patch_nodes: Ints) -> None:
+    def __init__(self, points: Floats, cells: Mapping[str, NDArray[np.integer]], patch_nodes: Integers) -> None:
         self._given = CellTable.from_arrays(cells)
         _check_in_cells(self._given, len(points))
         read = checked_cells(points, self._given)
         self._points, self._cells = points, read.cells
         self._at_rest = cells_at_rest(points, read.cells, read.sizes)
         spanning = np.concatenate([points.argmin(axis=0), points.argmax(axis=0)])
-        self.nodes: Ints = np.unique(np.concatenate([patch_nodes, boundary_nodes(read.cells), spanning]))
+        self.nodes: Integers = np.unique(np.concatenate([patch_nodes, boundary_nodes(read.cells), spanning]))
         self._boundary, self._sent = len(self.nodes), np.zeros(len(read.cells), dtype=bool)
         self._last: tuple[Field, AnyInterpolant, NearOperators | None] | None = None
         self._judged: CountedCells | None = None
@@ -76,7 +75,7 @@ class Rank:
         nodes = self.nodes[: self._boundary]
         return {name: np.searchsorted(nodes, rows).astype(np.int32) for name, rows in found}
 
-    def near(self, wall: Floats, reach: float) -> tuple[Ints, dict[str, Ints]]:
+    def near(self, wall: Floats, reach: float) -> tuple[Integers, dict[str, Integers]]:
         """Return the cells at the nodes within a reach of facets (f, d, d), without cells returned before.
 
         Returns
@@ -94,7 +93,7 @@ class Rank:
         blocks = ((block, chosen[span]) for block, span in self._cells.numbered)
         return new, {block.type.name: row[block.nodes[own]] for block, own in blocks if own.any()}
 
-    def extend(self, nodes: Ints) -> None:
+    def extend(self, nodes: Integers) -> None:
         """Add nodes (k,) to the nodes that the server knows."""
         self.nodes = np.concatenate([self.nodes, nodes])
 
@@ -112,13 +111,13 @@ class Rank:
         found[self.nodes] = known
         return found
 
-    def counted(self, field: Field, weights: Floats, others: Ints) -> Floats:
+    def counted(self, field: Field, weights: Floats, others: Integers) -> Floats:
         """(r, d) derivatives by a field's coefficients, for weights (n, d) without :attr:`nodes` and ``others``."""
         own = np.ones(len(self._points), dtype=bool)
         own[self.nodes] = own[others] = False
         return field.counted(self._points[own], np.ascontiguousarray(weights[own]))
 
-    def region(self, field: Field, known: Floats, extent: Extent, around: Ints) -> Region:
+    def region(self, field: Field, known: Floats, extent: Extent, around: Integers) -> Region:
         """The cells that are bad after the displacement by a field and ``known`` (b, d), and the cells around them.
 
         Ids are indices of this rank's nodes; ``around`` (k,) has further nodes whose cells are included.
@@ -158,7 +157,7 @@ class Rank:
             self._judged = CountedCells(self._cells, self._at_rest, metric)
         judged = self._judged
         part = judged.judge(np.add(self._points, displacement, out=self._moved))
-        answers = {(name, WHOLE): found for name, found in part.contents.items()}
+        answers: dict[tuple[str, Way], BinContent] = {}
 
         def fields(further: list[dict[str, Any]]) -> dict[str, Any]:
             questions = (*first_questions(metric), *read_questions(further))

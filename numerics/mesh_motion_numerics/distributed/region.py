@@ -13,6 +13,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from mesh_motion_numerics.arrays import Floats, Integers
 from mesh_motion_numerics.correction.free_region import cells_of_nodes, grow, nodes_of_cells
 from mesh_motion_numerics.distributed.judging import reading, require
 from mesh_motion_numerics.mesh.cells import CELL_TYPES, CellTable
@@ -20,8 +21,6 @@ from mesh_motion_numerics.quality.metrics import CellQuality
 
 __all__ = ["ALL", "Extent", "Region", "region_fields"]
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 #: A bound above every quality: all cells are below it.
 ALL = 2.0
@@ -50,13 +49,13 @@ class Region:
     """The data that one rank sent."""
 
     extent: Extent
-    ids: Ints  # (r,). Global ids of the nodes
+    ids: Integers  # (r,). Global ids of the nodes
     whole: NDArray[np.bool_]  # (r,) bool. Whether all cells of the rank at the node are sent
     #: points, positions: (r, d), mesh length unit. Coordinates in the reference mesh, and after the field's
     #: displacement
     points: Floats
     positions: Floats
-    cells: Mapping[str, Ints]  # type → (m, k) rows of nodes
+    cells: Mapping[str, Integers]  # type → (m, k) rows of nodes
     interior: int  # number of nodes of the rank that the server does not have
     #: (float, float). Smallest relative skew and size of the cells that are not sent; 1 without such cells.
     extremes: tuple[float, float]
@@ -110,7 +109,7 @@ def region_fields(
     quality: CellQuality,
     values: Floats,
     extent: Extent,
-    around: Ints,
+    around: Integers,
     *,
     interior: int,
 ) -> Region:

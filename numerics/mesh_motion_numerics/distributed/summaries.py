@@ -18,7 +18,7 @@ from mesh_motion_numerics.quality.quality_summary import (
     reported_metrics,
 )
 
-__all__ = ["WORST", "PartialSummary", "Questions", "joined"]
+__all__ = ["WORST", "PartialSummary", "Questions", "first_questions", "joined"]
 
 Questions = tuple[tuple[str, Way], ...]
 """Metrics, each with a bin to report."""
@@ -36,7 +36,6 @@ class PartialSummary:
     #: sums, minima: sum and minimum of each metric
     sums: dict[str, float]
     minima: dict[str, float]
-    contents: dict[str, BinContent]  # all values of each metric in bins
     worst: tuple[WorstCell, ...]  # the worst cells of the partition
 
 
@@ -53,7 +52,7 @@ def joined(
         Asks all partitions for bins; returns the contents of each question, partition by partition.
     """
     cells = sum(part.cells for part in parts)
-    percentiles = _percentiles(parts, metric, cells, ask)
+    percentiles = _percentiles(metric, cells, ask)
     found = {
         name: Distribution(
             min(part.minima[name] for part in parts),
@@ -72,24 +71,22 @@ def joined(
     )
 
 
+def first_questions(metric: str) -> Questions:
+    """Questions about all values of each metric of a report."""
+    return tuple((name, WHOLE) for name in reported_metrics(metric))
+
+
 def _percentiles(
-    parts: Sequence[PartialSummary],
-    metric: str,
-    cells: int,
-    ask: Callable[[Questions], Sequence[Sequence[BinContent]]],
+    metric: str, cells: int, ask: Callable[[Questions], Sequence[Sequence[BinContent]]]
 ) -> dict[tuple[str, int], float]:
     """The values of the percentiles, by metric and rank in ascending order."""
     found: dict[tuple[str, int], float] = {}
-    open_ways: dict[tuple[str, int], tuple[Way, int]] = {}
-    known: dict[tuple[str, Way], Sequence[BinContent]] = {}
-    for name in reported_metrics(metric):
-        known[name, WHOLE] = [part.contents[name] for part in parts]
-        open_ways |= {(name, rank): (WHOLE, rank) for rank in percentile_ranks(cells)}
+    questions = first_questions(metric)
+    open_ways = {(name, rank): (way, rank) for name, way in questions for rank in percentile_ranks(cells)}
     while open_ways:
+        known = dict(zip(questions, ask(questions), strict=True))
         steps = {key: narrowed(way, rank, known[key[0], way]) for key, (way, rank) in open_ways.items()}
         found |= {key: step for key, step in steps.items() if isinstance(step, float)}
         open_ways = {key: step for key, step in steps.items() if not isinstance(step, float)}
         questions = tuple(dict.fromkeys((name, way) for (name, _), (way, _) in open_ways.items()))
-        if questions:
-            known = dict(zip(questions, ask(questions), strict=True))
     return found

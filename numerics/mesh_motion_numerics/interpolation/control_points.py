@@ -6,7 +6,7 @@ from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
 from mesh_motion_numerics.arrays import Floats
-from mesh_motion_numerics.mesh.spacing import local_spacing
+from mesh_motion_numerics.mesh.neighbours import local_spacing
 
 __all__ = ["checked_control_points"]
 
@@ -22,7 +22,7 @@ def checked_control_points(control_points: ArrayLike, spacing: Floats | None = N
     Parameters
     ----------
     spacing : (nc,) array, optional
-        Result of :func:`~mesh_motion_numerics.mesh.spacing.local_spacing`, if it is known.
+        Result of :func:`~mesh_motion_numerics.mesh.neighbours.local_spacing`, if it is known.
     """
     points = np.array(control_points, dtype=np.float64, order="C")
     if len(points) < 2:

@@ -44,10 +44,10 @@ from mesh_motion_numerics.interpolation.two_scale.compact_levels import (
 from mesh_motion_numerics.interpolation.two_scale.factorization import SEPARATION
 from mesh_motion_numerics.interpolation.two_scale.interpolant import TwoScaleInterpolant
 from mesh_motion_numerics.interpolation.two_scale.smoothing import Smoothing
+from mesh_motion_numerics.mesh.neighbours import local_spacing
 from mesh_motion_numerics.mesh.open_sector import OpenSector
 from mesh_motion_numerics.mesh.points import padded
 from mesh_motion_numerics.mesh.rigid_transforms import Transform, generated_group
-from mesh_motion_numerics.mesh.spacing import local_spacing
 from mesh_motion_numerics.method import Method
 
 __all__ = ["PeriodicFactorization", "periodic_factorization_of"]

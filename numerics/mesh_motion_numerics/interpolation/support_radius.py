@@ -45,10 +45,10 @@ from scipy.spatial import cKDTree
 from mesh_motion_numerics.arrays import Floats
 from mesh_motion_numerics.interpolation.kernels import DEFAULT_BASIS, MULTISCALE
 from mesh_motion_numerics.interpolation.two_scale.smoothing import Smoothing
+from mesh_motion_numerics.mesh.neighbours import local_spacing
 from mesh_motion_numerics.mesh.periodic_nodes import PeriodicNodes
 from mesh_motion_numerics.mesh.points import bounding_box
 from mesh_motion_numerics.mesh.roles import BoundaryRoles
-from mesh_motion_numerics.mesh.spacing import local_spacing
 from mesh_motion_numerics.method import Method
 
 __all__ = ["Reach", "suggest_enrichment_radius", "suggest_support_radius", "widest_ball", "with_reach"]

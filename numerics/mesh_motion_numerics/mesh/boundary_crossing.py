@@ -29,7 +29,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from mesh_motion_numerics.arrays import Floats, Integers, Marks
-from mesh_motion_numerics.mesh.points import bounding_box
+from mesh_motion_numerics.mesh.points import bounding_box, marks_at
 from mesh_motion_numerics.mesh.smooth_pieces import area_vectors, widened
 
 __all__ = ["BoundaryFacets", "NearFacets", "crossing_place", "near_facets", "straddling_place", "touching_facets"]
@@ -65,8 +65,7 @@ class BoundaryFacets:
     @classmethod
     def build(cls, facets: Mapping[str, Integers], moving: Integers, fixed: Integers, count: int) -> BoundaryFacets:
         """Build it from the boundary facets of a mesh of ``count`` nodes, and its moving and fixed nodes; not in 1D."""
-        moves, prescribed = np.zeros(count, dtype=bool), np.zeros(count, dtype=bool)
-        moves[moving] = prescribed[moving] = prescribed[fixed] = True
+        moves, prescribed = marks_at(count, moving), marks_at(count, moving, fixed)
         chosen = {name: nodes[prescribed[nodes].all(axis=1)] for name, nodes in facets.items() if name in _SIDES}
         return cls({name: nodes for name, nodes in chosen.items() if len(nodes)}, moves)
 

@@ -22,7 +22,8 @@ from mesh_motion_numerics.mesh.boundary_layer_stacks import column_feet
 from mesh_motion_numerics.mesh.boundary_layer_wall import MovingWall, WallPlaces, simplices_of
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.mesh.closest_point import nearest_within
-from mesh_motion_numerics.mesh.roles import SLIDING_ROLES, Patch
+from mesh_motion_numerics.mesh.points import marks_at
+from mesh_motion_numerics.mesh.roles import SLIDING_ROLES, Patch, nodes_with
 
 __all__ = ["LayerNodes", "furthest", "layer_nodes"]
 
@@ -66,7 +67,7 @@ def layer_nodes(
     thickness : float, mesh length unit
     """
     limit = (1.0 + _ROUNDING) * thickness
-    nodes = np.flatnonzero(~_roles(len(points), patches, "moving", "fixed", "periodic"))
+    nodes = np.setdiff1d(np.arange(len(points)), nodes_with(patches, ("moving", "fixed", "periodic")))
     places, own = wall.closest(points[nodes], within=furthest(thickness, points.shape[1]))
     found = LayerNodes(nodes, places, points[nodes] - places.of(wall.reference))
     inside = own >= 0
@@ -89,15 +90,6 @@ def _on_columns(found: LayerNodes, points: Floats, feet: Integers, wall: MovingW
     weights[rows] = np.eye(weights.shape[1])[0]
     places = WallPlaces(corners, weights)
     return LayerNodes(found.nodes, places, points[found.nodes] - places.of(wall.reference))
-
-
-def _roles(n: int, patches: Mapping[str, Patch], *roles: str) -> Marks:
-    """(n,) mark of the nodes of patches with one of the roles."""
-    marks = np.zeros(n, dtype=bool)
-    for patch in patches.values():
-        if patch.role in roles:
-            marks[patch.nodes] = True
-    return marks
 
 
 def _height(wall: MovingWall, found: LayerNodes) -> Floats:
@@ -129,10 +121,9 @@ def _crowded(
 ) -> Marks:
     """(l,) nodes too near to another boundary; ``own`` (l,) is the nearest facet of the wall for each node."""
     boundary = simplices_of(facets)
-    walls = np.zeros(len(points), dtype=bool)
-    walls[wall.nodes] = True
+    walls = marks_at(len(points), wall.nodes)
     others = boundary[~walls[boundary].all(axis=1)]
-    slides = _roles(len(points), patches, *SLIDING_ROLES)[others].all(axis=1)
+    slides = marks_at(len(points), nodes_with(patches, SLIDING_ROLES))[others].all(axis=1)
     body = wall.bodies()
     crowded = _too_near(points, points[others[~slides]], found, facing=None)
     crowded |= _too_near(points, points[others[slides]], found, facing=_FACING)

@@ -9,6 +9,7 @@ import numpy as np
 
 from mesh_motion_numerics.arrays import Integers, Marks, Shorts
 from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.mesh.points import marks_at
 
 __all__ = ["column_feet"]
 
@@ -39,8 +40,7 @@ def column_feet(cells: CellTable, wall: Integers, layer: Integers, n: int) -> In
     """
     feet, level = np.full(n, -1, dtype=np.int64), np.full(n, -1, dtype=np.int64)
     feet[wall], level[wall] = wall, 0
-    possible = np.zeros(n, dtype=bool)
-    possible[wall] = possible[layer] = True
+    possible = marks_at(n, wall, layer)
     steps = _steps(cells, possible)
     height = 0
     while (level == height).any():

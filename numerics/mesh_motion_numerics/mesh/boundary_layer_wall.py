@@ -32,12 +32,13 @@ from functools import cached_property
 from typing import NamedTuple, Self
 
 import numpy as np
-from scipy.sparse import coo_array, csr_array, eye_array
-from scipy.sparse.csgraph import connected_components
+from scipy.sparse import csr_array, eye_array
 from scipy.spatial import cKDTree
 
 from mesh_motion_numerics.arrays import Floats, Integers, Marks
 from mesh_motion_numerics.mesh.closest_point import nearest_within
+from mesh_motion_numerics.mesh.neighbours import connected
+from mesh_motion_numerics.mesh.points import marks_at
 from mesh_motion_numerics.mesh.roles import BoundaryRoles, Patch
 
 __all__ = ["ALONG", "MovingWall", "WallPlaces", "facet_frames", "simplices_of", "weighting_of"]
@@ -105,8 +106,7 @@ class MovingWall:
         if points.shape[1] < 2:
             return None
         roles = BoundaryRoles.from_patches(patches)
-        moving, prescribed = np.zeros((2, len(points)), dtype=bool)
-        moving[roles.moving] = prescribed[roles.prescribed] = True
+        moving, prescribed = (marks_at(len(points), nodes) for nodes in (roles.moving, roles.prescribed))
         wall = cls.build(points, facets, moving, prescribed)
         return wall if len(wall.simplices) else None
 
@@ -222,8 +222,7 @@ def simplices_of(facets: Mapping[str, Integers]) -> Integers:
 def _connected(simplices: Integers, n: int) -> Integers:
     """(s,) number of the connected part of each of the simplices (s, d) of n nodes."""
     first = np.repeat(simplices[:, 0], simplices.shape[1])
-    graph = coo_array((np.ones(first.size), (first, simplices.ravel())), shape=(n, n))
-    return np.asarray(connected_components(graph, directed=False)[1][simplices[:, 0]], dtype=np.int64)
+    return connected(n, first, simplices.ravel())[simplices[:, 0]]
 
 
 def facet_frames(corners: Floats) -> Floats:

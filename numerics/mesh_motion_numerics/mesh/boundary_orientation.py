@@ -9,11 +9,10 @@ sides of a baffle are a hole without volume; when they separate, V becomes negat
 from collections.abc import Mapping
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from mesh_motion_numerics.arrays import Floats, Integers, Marks
-from mesh_motion_numerics.mesh.smooth_pieces import area_vectors, widened
+from mesh_motion_numerics.mesh.neighbours import connected
+from mesh_motion_numerics.mesh.smooth_pieces import all_marked, area_vectors, widened
 
 __all__ = ["closed_parts", "of_one_width", "outer_nodes", "overturned_place"]
 
@@ -63,7 +62,7 @@ def closed_parts(rows: Integers, prescribed: Marks, count: int) -> tuple[Integer
     """(f,) number of the connected part of the boundary of each facet (f, w); (p,) whether all nodes are prescribed."""
     parts = _parts(rows, count)
     whole = np.ones(parts.max() + 1, dtype=bool)
-    whole[parts[~_all_of(prescribed, rows)]] = False
+    whole[parts[~all_marked(prescribed, rows)]] = False
     return parts, whole
 
 
@@ -78,14 +77,8 @@ def _parts(rows: Integers, count: int) -> Integers:
     """(f,) number of the connected part of the boundary of each facet."""
     ends = np.where(rows[:, 1:] >= 0, rows[:, 1:], rows[:, :1])
     starts = np.broadcast_to(rows[:, :1], ends.shape)
-    links = coo_array((np.ones(ends.size), (starts.ravel(), ends.ravel())), (count, count))
-    labels = connected_components(links, directed=False)[1][rows[:, 0]]
+    labels = connected(count, starts.ravel(), ends.ravel())[rows[:, 0]]
     return np.asarray(np.unique(labels, return_inverse=True)[1], dtype=np.int64)
-
-
-def _all_of(chosen: Marks, rows: Integers) -> Marks:
-    """(f,) whether all nodes of a facet are chosen."""
-    return np.asarray(np.all(chosen[rows] | (rows < 0), axis=1))
 
 
 def _signs(parts: Integers, contributions: Floats) -> Floats:

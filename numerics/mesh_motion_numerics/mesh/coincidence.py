@@ -7,13 +7,12 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from mesh_motion_numerics.arrays import Floats, Integers, Marks
 from mesh_motion_numerics.mesh.boundary_orientation import of_one_width
 from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.mesh.neighbours import connected
 from mesh_motion_numerics.mesh.points import bounding_box
 from mesh_motion_numerics.mesh.smooth_pieces import area_vectors
 
@@ -47,9 +46,8 @@ def first_at_place(points: Floats, extent: float, tolerance: float = _SAME_PLACE
     a, b = cKDTree(points[distinct]).query_pairs(tolerance * extent, output_type="ndarray").T
     if not len(a):
         return place
-    near = coo_array((np.ones(len(a), dtype=bool), (a, b)), shape=(len(distinct), len(distinct)))
-    count, group = connected_components(near, directed=False)
-    first = np.full(count, len(points))
+    group = connected(len(distinct), a, b)
+    first = np.full(group.max() + 1, len(points))
     np.minimum.at(first, group, distinct)
     return np.asarray(first[group][np.searchsorted(distinct, place)])
 

@@ -9,10 +9,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from mesh_motion_numerics.arrays import Floats, Marks
+from mesh_motion_numerics.mesh.neighbours import connected
 from mesh_motion_numerics.mesh.revolution import OFF
 from mesh_motion_numerics.mesh.rigid_transforms import Transform
 from mesh_motion_numerics.mesh.smooth_pieces import Piece, as_simplices
@@ -31,8 +30,7 @@ def endless_nodes(pieces: Sequence[Piece], sliding: Marks) -> Marks:
         return found
     nodes = np.concatenate([piece.nodes for piece in pieces])
     owners = np.repeat(np.arange(len(pieces)), [len(piece.nodes) for piece in pieces])
-    graph = coo_array((np.ones(len(nodes)), (owners, len(pieces) + nodes)), shape=(len(pieces) + len(sliding),) * 2)
-    wall = connected_components(graph, directed=False)[1][len(pieces) :]
+    wall = connected(len(pieces) + len(sliding), owners, len(pieces) + nodes)[len(pieces) :]
     ended = np.isin(wall, wall[nodes[~sliding[nodes]]])
     found[nodes] = ~ended[nodes]
     return found

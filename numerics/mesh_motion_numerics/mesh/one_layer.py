@@ -16,6 +16,7 @@ from mesh_motion_numerics.arrays import Floats, Integers, Marks
 from mesh_motion_numerics.mesh.boundary_facets import boundary_facets
 from mesh_motion_numerics.mesh.cells import CELL_TYPES, CellBlock, CellTable
 from mesh_motion_numerics.mesh.local_facets import LOCAL_FACETS
+from mesh_motion_numerics.mesh.points import marks_at
 from mesh_motion_numerics.mesh.roles import SLIDING_ROLES, Patch
 from mesh_motion_numerics.mesh.smooth_pieces import area_vectors, widened
 
@@ -53,10 +54,10 @@ class OneLayer:
         patches : mapping of name to Patch
             Checked patches. The patches of the planes may leave out nodes of the sides that other patches have.
         """
+        if not {block.type.name for block in cells} <= set(_FACES):
+            return None
         if len(np.unique(np.concatenate([*(patch.nodes for patch in patches.values()), [-1]]))) <= len(points):
             return None  # a node is inside
-        if points.shape[1] != 3 or not {block.type.name for block in cells} <= set(_FACES):
-            return None
         for roles, normal in product((SLIDING_ROLES, ("fixed",)), _normals(points, cells)):
             heights = points @ normal
             low, high = float(heights.min()), float(heights.max())
@@ -188,8 +189,7 @@ def _plane_patches(
     rows = np.concatenate([widened(block, 4) for block in boundary_facets(cells).values()])
     side = np.where(rows >= 0, in_front[rows], in_front[rows[:, :1]])
     flat = (side == side[:, :1]).all(axis=1)
-    rim = np.zeros(len(in_front) + 1, dtype=bool)
-    rim[rows[~flat]] = True
+    rim = marks_at(len(in_front) + 1, rows[~flat])
     found: dict[str, Marks] = {}
     covered, taken, sides = np.zeros((3, len(rows)), dtype=bool)
     for name, patch in patches.items():

@@ -6,11 +6,10 @@ from itertools import combinations
 import numpy as np
 from mesh_motion_protocol.errors import InvalidInput
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from mesh_motion_numerics.arrays import Integers, Marks
 from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.mesh.neighbours import connected
 from mesh_motion_numerics.mesh.roles import ROLES, Patch
 
 __all__ = ["check_patches", "nodes_behind_fixed", "nodes_in_no_patch", "patch_warnings"]
@@ -124,8 +123,7 @@ def _parts(n: int, cells: CellTable, joined: Marks, coincident: Integers) -> Int
             both = joined[a] & joined[b]
             pairs.append(np.stack([a[both], b[both]]))
     ends = np.concatenate(pairs, axis=1)
-    graph = coo_array((np.ones(ends.shape[1], dtype=bool), tuple(ends)), shape=(n, n))
-    return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
+    return connected(n, *ends)
 
 
 def _inside(usual: Integers, patches: Mapping[str, Patch]) -> list[str]:

@@ -19,6 +19,7 @@ from mesh_motion_numerics.arrays import Floats, Integers, Marks
 from mesh_motion_numerics.mesh.open_sector import OpenSector
 from mesh_motion_numerics.mesh.paths import RigidMotion, fit_screw
 from mesh_motion_numerics.mesh.periodic_pairs import PeriodicPair, is_same_period, periodic_pairs
+from mesh_motion_numerics.mesh.points import marks_at
 from mesh_motion_numerics.mesh.rigid_transforms import Transform
 from mesh_motion_numerics.mesh.roles import BoundaryRoles, Patch
 
@@ -150,15 +151,13 @@ class PeriodicNodes:
 
         ``place`` (n,): each node's index in the part, ascending; -1 for nodes outside.
         """
-        absent = np.zeros(len(place), dtype=bool)
-        absent[self.roots[place[self.members] < 0]] = True
+        absent = marks_at(len(place), self.roots[place[self.members] < 0])
         kept = self.of(~absent[self.roots])
         return replace(kept, reference=reference, members=place[kept.members], roots=place[kept.roots])
 
     def closed(self, marked: Marks) -> Marks:
         """The marked (n,) nodes and all their images."""
-        found = np.zeros(len(marked), dtype=bool)
-        found[self.roots[marked[self.members]]] = True
+        found = marks_at(len(marked), self.roots[marked[self.members]])
         out = marked.copy()
         out[self.members] |= found[self.roots]
         return out

@@ -18,10 +18,10 @@ from mesh_motion_protocol.errors import InvalidInput
 from scipy.spatial import cKDTree
 
 from mesh_motion_numerics.arrays import Floats, Integers
-from mesh_motion_numerics.mesh.points import bounding_box
+from mesh_motion_numerics.mesh.neighbours import local_spacing
+from mesh_motion_numerics.mesh.points import bounding_box, marks_at
 from mesh_motion_numerics.mesh.rigid_transforms import Transform
 from mesh_motion_numerics.mesh.smooth_pieces import area_vectors, widened
-from mesh_motion_numerics.mesh.spacing import local_spacing
 
 __all__ = ["PeriodicPair", "is_same_period", "periodic_pairs"]
 
@@ -135,8 +135,7 @@ def _side(points: Floats, facets: Mapping[str, Integers], name: str, nodes: Inte
     spacing = np.full(len(nodes), float(np.ptp(points, axis=0).max()))
     if len(nodes) > 1:
         spacing = local_spacing(places)
-    inside = np.zeros(len(points), dtype=bool)
-    inside[nodes] = True
+    inside = marks_at(len(points), nodes)
     area = np.zeros(points.shape[1])
     for block in facets.values():
         own = block[inside[block].all(axis=1)]

@@ -1,11 +1,11 @@
-"""Points with one, two or three coordinates: padded to three coordinates, their bounding box, and a sample of them."""
+"""Points with one, two or three coordinates: padded, their bounding box, marks and samples of them."""
 
 import mesh_motion_kernels as kernels
 import numpy as np
 
-from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_numerics.arrays import Floats, Integers, Marks
 
-__all__ = ["bounding_box", "padded", "spread"]
+__all__ = ["bounding_box", "marks_at", "padded", "spread"]
 
 
 def padded(points: Floats) -> Floats:
@@ -27,3 +27,11 @@ def bounding_box(points: Floats) -> Floats:
 def spread(some: Integers, most: int) -> Integers:
     """At most this many of the items ``some`` (s, …), spread over them."""
     return some[np.unique(np.linspace(0, len(some) - 1, min(most, len(some))).astype(np.int64))]
+
+
+def marks_at(count: int, *nodes: Integers) -> Marks:
+    """(count,) True at all of these nodes."""
+    marks = np.zeros(count, dtype=bool)
+    for some in nodes:
+        marks[some] = True
+    return marks

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from mesh_motion_protocol.errors import InvalidInput
 
 from mesh_motion_numerics.arrays import Floats, Integers
 
@@ -43,21 +42,11 @@ class BoundaryRoles:
 
     @classmethod
     def from_patches(cls, patches: Mapping[str, Patch]) -> BoundaryRoles:
-        """Sort the patches' nodes by role and precedence.
-
-        Raises InvalidInput on an unknown role, or without any moving node.
-        """
-        for name, patch in patches.items():
-            if patch.role not in ROLES:
-                raise InvalidInput(f"patch {name!r}: unknown role {patch.role!r}; known are {', '.join(ROLES)}")
+        """Sort the nodes of checked patches (:mod:`.patch_check`) by role and precedence."""
         moving = nodes_with(patches, ("moving",))
         fixed = np.setdiff1d(nodes_with(patches, ("fixed",)), moving)
         sliding = np.setdiff1d(nodes_with(patches, SLIDING_ROLES), np.union1d(moving, fixed))
         periodic = np.setdiff1d(nodes_with(patches, ("periodic",)), np.concatenate([moving, fixed, sliding]))
-        if not len(moving):
-            raise InvalidInput(
-                "no patch with role 'moving' has a node", hint="give the role 'moving' to the patch that is displaced"
-            )
         return cls(moving, fixed, sliding, periodic)
 
     def without(self, points: Floats, loose: Integers) -> tuple[Floats, BoundaryRoles]:

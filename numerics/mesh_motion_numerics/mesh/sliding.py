@@ -25,6 +25,7 @@ from mesh_motion_protocol.errors import InvalidInput
 from mesh_motion_numerics.arrays import Floats, Integers, Marks
 from mesh_motion_numerics.mesh.endless_walls import axis_of, endless_nodes
 from mesh_motion_numerics.mesh.paths import RigidMotion
+from mesh_motion_numerics.mesh.points import marks_at
 from mesh_motion_numerics.mesh.rigid_transforms import Transform
 from mesh_motion_numerics.mesh.smooth_pieces import Piece, sides, smooth_pieces
 from mesh_motion_numerics.mesh.surface_constraints import Held, OnFacets, OnPlanes, OnPrism, SurfaceConstraint, endless
@@ -105,8 +106,7 @@ class SlidingSurfaces:
 
     def with_endless(self, points: Floats, *, periodic: bool) -> SlidingSurfaces:
         """The same surfaces, with those of the mesh (n, d) that have no end; if it is periodic, it gives the axis."""
-        sliding = np.zeros(len(points), dtype=bool)
-        sliding[self.nodes] = True
+        sliding = marks_at(len(points), self.nodes)
         endless = endless_nodes(self.pieces, sliding)
         if not endless.any():
             return self

@@ -10,12 +10,12 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
-from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_numerics.arrays import Floats, Integers, Marks
+from mesh_motion_numerics.mesh.neighbours import connected
+from mesh_motion_numerics.mesh.points import marks_at
 
-__all__ = ["SMOOTH_COSINE", "Piece", "area_vectors", "as_simplices", "sides", "smooth_pieces", "widened"]
+__all__ = ["SMOOTH_COSINE", "Piece", "all_marked", "area_vectors", "as_simplices", "sides", "smooth_pieces", "widened"]
 
 
 #: Edges with a larger angle are sharp: a circle of ten segments is still smooth, a hexagon is not.
@@ -81,8 +81,7 @@ def smooth_pieces(points: Floats, facets: Mapping[str, Integers], nodes: Integer
     nodes : (p,) int64 array
         The patch's nodes.
     """
-    inside = np.zeros(len(points), dtype=bool)
-    inside[nodes] = True
+    inside = marks_at(len(points), nodes)
     width = {1: 1, 2: 2, 3: 4}[points.shape[1]]
     own = [widened(block[inside[block].all(axis=1)], width) for block in facets.values()]
     table = np.concatenate([np.empty((0, width), dtype=np.int64), *own])
@@ -116,6 +115,11 @@ def widened(block: Integers, width: int) -> Integers:
     return out
 
 
+def all_marked(marks: Marks, facets: Integers) -> Marks:
+    """(f,) whether all nodes of each of the facets (f, w) are among the marked (n,) ones; −1 is no node."""
+    return np.asarray((marks[facets] | (facets < 0)).all(axis=1))
+
+
 def area_vectors(points: Floats, facets: Integers) -> Floats:
     """(f, d) outward normals times area (length in 2D, 1 in 1D) of facets (f, w) as in :class:`Piece`."""
     if facets.shape[1] == 1:
@@ -139,8 +143,7 @@ def _components(facets: Integers, areas: Floats) -> Integers:
     a, b = owners[:-1][adjacent], owners[1:][adjacent]
     lengths = np.linalg.norm(areas, axis=1)
     smooth = np.einsum("ij,ij->i", areas[a], areas[b]) >= SMOOTH_COSINE * lengths[a] * lengths[b]
-    graph = coo_array((np.ones(int(smooth.sum())), (a[smooth], b[smooth])), shape=(len(facets),) * 2)
-    return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
+    return connected(len(facets), a[smooth], b[smooth])
 
 
 def _collect(points: Floats, facets: Integers, areas: Floats, labels: Integers) -> Iterator[Piece]:

@@ -11,8 +11,9 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from mesh_motion_numerics.arrays import Floats, Integers, Marks
+from mesh_motion_numerics.mesh.points import marks_at
 from mesh_motion_numerics.mesh.roles import SLIDING_ROLES, Patch
-from mesh_motion_numerics.mesh.smooth_pieces import SMOOTH_COSINE, area_vectors, widened
+from mesh_motion_numerics.mesh.smooth_pieces import SMOOTH_COSINE, all_marked, area_vectors, widened
 
 __all__ = ["whole_walls"]
 
@@ -32,11 +33,11 @@ def whole_walls(points: Floats, facets: Mapping[str, Integers], patches: Mapping
     walls = [name for name, patch in sorted(patches.items()) if patch.role in SLIDING_ROLES]
     if not walls:
         return {}
-    listed = {name: _marks(patch.nodes, len(points)) for name, patch in sorted(patches.items())}
+    listed = {name: marks_at(len(points), patch.nodes) for name, patch in sorted(patches.items())}
     if facets:
         width = {1: 1, 2: 2, 3: 4}[points.shape[1]]
         table = np.concatenate([widened(block, width) for block in facets.values()])
-        lost = np.flatnonzero(_inside(np.logical_or.reduce(list(listed.values())), table))
+        lost = np.flatnonzero(all_marked(np.logical_or.reduce(list(listed.values())), table))
         lost = orphans = _of_no_patch(lost, table, listed)
         while len(lost):
             added = _continued(points, table, lost, listed, walls)
@@ -46,10 +47,10 @@ def whole_walls(points: Floats, facets: Mapping[str, Integers], patches: Mapping
                 listed[name][nodes] = True
             lost = _of_no_patch(lost, table, listed)
         for name in walls:
-            gained = _inside(listed[name], table) & ~_inside(_marks(patches[name].nodes, len(points)), table)
+            gained = all_marked(listed[name], table) & ~all_marked(marks_at(len(points), patches[name].nodes), table)
             gained[orphans] = False
             if gained.any():  # two rims that are one cell apart: a facet of another patch would be one of this wall
-                listed[name] = _marks(patches[name].nodes, len(points))
+                listed[name] = marks_at(len(points), patches[name].nodes)
     return {name: np.flatnonzero(listed[name]) for name in walls}
 
 
@@ -60,7 +61,7 @@ def _continued(
     normals = area_vectors(points, table)
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(float).tiny)
     at = _incidence(table, len(points))
-    likeness = np.stack([_likeness(at, normals, lost, marks, _inside(marks, table)) for marks in listed.values()])
+    likeness = np.stack([_likeness(at, normals, lost, marks, all_marked(marks, table)) for marks in listed.values()])
     best = np.argmax(likeness, axis=0)
     added = {}
     for number, name in enumerate(listed):
@@ -73,21 +74,9 @@ def _continued(
 
 def _of_no_patch(rows: Integers, table: Integers, listed: Mapping[str, Marks]) -> Integers:
     """Rows (l,) of the table whose facet belongs to no patch."""
-    belongs: Marks = np.logical_or.reduce([_inside(marks, table[rows]) for marks in listed.values()])
+    belongs: Marks = np.logical_or.reduce([all_marked(marks, table[rows]) for marks in listed.values()])
     found: Integers = rows[~belongs]
     return found
-
-
-def _marks(nodes: Integers, n_points: int) -> Marks:
-    """(n,) whether each node is among these."""
-    marks = np.zeros(n_points, dtype=bool)
-    marks[nodes] = True
-    return marks
-
-
-def _inside(marks: Marks, table: Integers) -> Marks:
-    """(f,) whether all corners of each facet are marked."""
-    return np.asarray((marks[table] | (table < 0)).all(axis=1))
 
 
 def _incidence(table: Integers, n_points: int) -> csr_array:

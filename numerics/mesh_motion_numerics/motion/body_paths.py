@@ -22,15 +22,14 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from mesh_motion_numerics.arrays import Floats, Integers
 from mesh_motion_numerics.mesh.boundary_facets import boundary_facets
 from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.mesh.neighbours import connected
 from mesh_motion_numerics.mesh.paths import RigidMotion, fit_rigid_motion
 
-__all__ = ["Body", "Way", "moving_bodies", "straight_way", "ways"]
+__all__ = ["Body", "Way", "moving_bodies", "ways"]
 
 
 #: Smaller angles count as no rotation, radians.
@@ -106,18 +105,12 @@ def moving_bodies(cells: CellTable, moving: Integers) -> tuple[Body, ...]:
         partly = rows[(rows < 0).any(axis=1)]
         seam.append(partly[partly >= 0])
     pairs = np.concatenate(links)
-    shape = (len(moving), len(moving))
-    labels = connected_components(coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape), False)[1]
+    labels = connected(len(moving), *pairs.T)
     labels[~np.isin(np.arange(len(moving)), pairs)] = -1
     _, first = np.unique(labels, return_index=True)
     on_seam = np.isin(np.arange(len(moving)), np.concatenate(seam))
     bodies = [np.flatnonzero(labels == labels[row]) for row in np.sort(first)]
     return tuple(Body(rows, rows[on_seam[rows]]) for rows in bodies)
-
-
-def straight_way(origin: Floats, targets: Floats) -> Way:
-    """The displacement scaled."""
-    return Way(origin, targets)
 
 
 def ways(origin: Floats, targets: Floats, bodies: tuple[Body, ...]) -> Iterator[Way]:
@@ -128,7 +121,7 @@ def ways(origin: Floats, targets: Floats, bodies: tuple[Body, ...]) -> Iterator[
         yield Way(origin, targets, turning)
     if any(_far(piece) for piece in turning):
         yield Way(origin, targets, tuple(_other_way(piece) if _far(piece) else piece for piece in turning))
-    yield straight_way(origin, targets)
+    yield Way(origin, targets)  # the displacement is scaled
     orbiting = _around_each_other([piece for piece, body in zip(pieces, bodies, strict=True) if not len(body.seam)])
     if orbiting:
         attached = (piece for piece, body in zip(pieces, bodies, strict=True) if len(body.seam))

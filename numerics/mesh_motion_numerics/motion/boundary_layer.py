@@ -36,6 +36,7 @@ from mesh_motion_numerics.mesh.boundary_facets import boundary_facets
 from mesh_motion_numerics.mesh.boundary_layer_nodes import LayerNodes, layer_nodes
 from mesh_motion_numerics.mesh.boundary_layer_wall import MovingWall
 from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.mesh.points import marks_at
 from mesh_motion_numerics.mesh.roles import BoundaryRoles, Patch
 from mesh_motion_numerics.mesh.sliding import SlidingSurfaces
 
@@ -90,8 +91,7 @@ class BoundaryLayer:
         wall = MovingWall.of_patches(points, facets, patches)
         if wall is None:
             return None
-        prescribed = np.zeros(len(points), dtype=bool)
-        prescribed[BoundaryRoles.from_patches(patches).prescribed] = True
+        prescribed = marks_at(len(points), BoundaryRoles.from_patches(patches).prescribed)
         tied = layer_nodes(points, cells, facets, patches, wall, thickness)
         heights = np.zeros(len(wall.nodes))
         distances = np.where(tied.places.weights > 0.0, np.linalg.norm(tied.offsets, axis=1)[:, None], 0.0)
@@ -106,7 +106,7 @@ class BoundaryLayer:
         """(l,) nodes of the layer, ascending."""
         return self.tied.nodes
 
-    @property
+    @cached_property
     def known(self) -> Marks:
         """(n,) nodes whose positions follow from the moving nodes alone: moving nodes, fixed nodes and the layer."""
         known = self.prescribed.copy()

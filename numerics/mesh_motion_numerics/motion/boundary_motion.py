@@ -26,19 +26,16 @@ from mesh_motion_numerics.interpolation.factor_source import (
     Recorded,
 )
 from mesh_motion_numerics.interpolation.interpolation_map import FieldMap
-from mesh_motion_numerics.interpolation.support_radius import with_reach
 from mesh_motion_numerics.mesh.boundary_layer_wall import MovingWall
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.mesh.patch_check import check_patches
-from mesh_motion_numerics.mesh.periodic_nodes import PeriodicNodes
 from mesh_motion_numerics.mesh.plane_rims import PlaneRims
 from mesh_motion_numerics.mesh.points import bounding_box
 from mesh_motion_numerics.mesh.roles import SLIDING_ROLES, BoundaryRoles, Patch, nodes_with
 from mesh_motion_numerics.method import Method
-from mesh_motion_numerics.motion.body_paths import Body, Way, straight_way, ways
+from mesh_motion_numerics.motion.body_paths import Body, Way, ways
 from mesh_motion_numerics.motion.exact_displacements import BoundaryDisplacement
 from mesh_motion_numerics.motion.layered_walls import LayeredWalls
-from mesh_motion_numerics.motion.method_check import check_method
 from mesh_motion_numerics.motion.motion_found import Motion
 from mesh_motion_numerics.motion.motion_slope import PlainSlope, plain_slope, why_no_slope
 from mesh_motion_numerics.motion.smooth_step import PlainWay, smooth_step
@@ -119,10 +116,7 @@ class BoundaryMotion:
             raise _needs_the_volume(
                 "all nodes are on slip or symmetry patches, as those of one layer of cells, whose plane the cells say"
             )
-        periodic = PeriodicNodes.build(points, facets, patches, roles)
-        check_method(method, points, roles, periodic=periodic is not None)
-        method, reach = with_reach(method, points, roles, periodic=periodic)
-        motion = StandardMotion.build(points, facets, patches, method, reach, periodic)
+        motion = StandardMotion.build(points, facets, patches, method)
         constraint = BoundaryConstraint.build(points, facets, patches, motion.surfaces, motion.sliding, motion.periodic)
         smooth = None if constraint is None else constraint.smooth()
         if len(near):
@@ -167,7 +161,7 @@ class BoundaryMotion:
 
     def field_map(self, factors: FactorSource) -> FieldMap:
         """The field as a function of the displacements of its control nodes."""
-        return FieldMap(self.motion.factorized(self.motion.control_nodes(self.motion.roles.all), factors), factors)
+        return FieldMap(self.motion.factorized(self.motion.controls, factors), factors)
 
     def plain_slope(self, points: Floats, factors: FactorSource) -> PlainSlope:
         """The derivative of the motion of these nodes that has led to ``points`` (n, d), without a correction.
@@ -241,15 +235,8 @@ class BoundaryMotion:
     def ways(self, targets: Floats) -> Iterator[Way]:
         """Ways of the moving nodes from the reference mesh to the ``targets`` (k, d)."""
         origin = self.motion.reference[self.motion.roles.moving]
-        if self.motion.periodic is not None:  # images must move together
-            return iter([straight_way(origin, targets)])
-        return ways(origin, targets, tuple(self.bodies.values()))
-
-    @property
-    def known(self) -> Integers:
-        """(k,) nodes that the field does not place: nodes with a role, and nodes of the walls' layers."""
-        roles, layer = self.motion.roles.all, self.motion.layer
-        return roles if layer is None else np.union1d(roles, layer.nodes)
+        bodies = self.bodies.values() if self.motion.periodic is None else ()  # images must move together
+        return ways(origin, targets, tuple(bodies))
 
     @property
     def orbits(self) -> Integers:

@@ -22,7 +22,7 @@ from mesh_motion_numerics.mesh.boundary_facets import boundary_facets, boundary_
 from mesh_motion_numerics.mesh.boundary_orientation import outer_nodes, overturned_place
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.mesh.coincidence import CoincidentSides, linked_by_cells, met_nodes
-from mesh_motion_numerics.mesh.points import spread
+from mesh_motion_numerics.mesh.points import marks_at, spread
 from mesh_motion_numerics.mesh.rigid_transforms import Transform
 from mesh_motion_numerics.mesh.roles import BoundaryRoles
 from mesh_motion_numerics.mesh.sliding import SlidingSurfaces
@@ -78,8 +78,7 @@ class PossibleCrossing:
         generators: tuple[Transform, ...] = (),
     ) -> PossibleCrossing:
         """Build it for a checked mesh with ``coincident`` (c, 2) nodes."""
-        facets, known = boundary_facets(cells), np.zeros(len(reference), dtype=bool)
-        known[roles.moving] = known[roles.fixed] = True
+        facets, known = boundary_facets(cells), marks_at(len(reference), roles.moving, roles.fixed)
         sides = CoincidentSides.build(coincident, facets, known)
         still = np.union1d(roles.fixed, _on_planes(sliding, roles.moving))
         own = BoundaryFacets.build(facets, roles.moving, still, len(reference))
@@ -104,21 +103,13 @@ class PossibleCrossing:
 
         Two arms of the domain, for example, with a solid between them. A hole that is closed inverts cells.
         """
-        if self._outer is not None:
-            place = crossing_place(self._outer, self._moved(points, targets))
+        if self.outer is not None:
+            place = crossing_place(self.outer, self._moved(points, targets))
             if place is not None:
-                near = ", ".join(f"{x:.4g}" for x in place)
-                certain = _no_mesh(f"cross itself near ({near})", refusal)
-                certain.looked_for = 1
-                raise certain
-
-    @property
-    def may_overlap(self) -> bool:
-        """Whether :meth:`refuse_overlap` has facets to test."""
-        return self._outer is not None
+                raise _no_mesh("cross itself", refusal, place=place, looked_for=1)
 
     @cached_property
-    def _outer(self) -> BoundaryFacets | None:
+    def outer(self) -> BoundaryFacets | None:
         """The facets of outer parts of the boundary; None if none of them moves, or if sides touch or cross at rest."""
         if not self.facets.nodes or len(self.sides.pairs):
             return None
@@ -139,10 +130,7 @@ class PossibleCrossing:
         self._refuse_meeting(moved, refusal)
         for count, (fault, place) in enumerate(self._faults(moved), 1):
             if place is not None:
-                near = ", ".join(f"{x:.4g}" for x in place)
-                certain = _no_mesh(f"{fault} near ({near})", refusal)
-                certain.looked_for = count
-                raise certain
+                raise _no_mesh(fault, refusal, place=place, looked_for=count)
 
     def has_fault(self, points: Floats, targets: Floats, most: int) -> bool:
         """Whether one of the first ``most`` kinds of faults exists: testing all kinds takes longer."""
@@ -207,9 +195,7 @@ class PossibleCrossing:
         roles = self.roles
         if not np.isin(self._boundary_nodes, np.concatenate([roles.all, roles.periodic])).all():
             return None
-        moving, still = np.zeros((2, len(moved)), dtype=bool)
-        moving[roles.moving] = True
-        still[roles.fixed] = still[roles.sliding] = True
+        moving, still = marks_at(len(moved), roles.moving), marks_at(len(moved), roles.fixed, roles.sliding)
         facets = boundary_facets(self.cells)
         return passed_place(facets, moving, still, self.generators, self.reference, moved)
 
@@ -228,16 +214,14 @@ def refuse_region(
         must not cross others either.
     reference, positions : (n, d) arrays, mesh length unit
     """
-    facets, known = boundary_facets(cells), np.zeros(len(positions), dtype=bool)
-    known[held] = True
+    facets, known = boundary_facets(cells), marks_at(len(positions), held)
     own = BoundaryFacets.build(facets, moving, held, len(positions))
     for fault, place in (
         ("cross itself", crossing_place(own, positions)),
         ("leave its side of another part", misplaced_place(facets, known, moving, reference, positions)),
     ):
         if place is not None:
-            near = ", ".join(f"{x:.4g}" for x in place)
-            raise _no_mesh(f"{fault} near ({near})", refusal) from refusal
+            raise _no_mesh(fault, refusal, place=place) from refusal
 
 
 def _on_planes(sliding: SlidingSurfaces | None, away: Integers) -> Integers:
@@ -248,12 +232,22 @@ def _on_planes(sliding: SlidingSurfaces | None, away: Integers) -> Integers:
     return np.setdiff1d(sliding.nodes, np.concatenate([away[:0], *others]))
 
 
-def _no_mesh(fault: str, refusal: QualityRefused | None, details: Mapping[str, object] | None = None) -> NoMeshExists:
-    """Return the error for a boundary with this fault, with the results of an earlier refusal."""
+def _no_mesh(
+    fault: str,
+    refusal: QualityRefused | None,
+    details: Mapping[str, object] | None = None,
+    *,
+    place: Floats | None = None,
+    looked_for: int = 0,
+) -> NoMeshExists:
+    """Return the error for a boundary with this fault, near a place (d,), with the results of an earlier refusal."""
     known = refusal or QualityRefused("")
-    return NoMeshExists(
-        f"no valid mesh exists: the boundary would {fault}",
+    near = "" if place is None else f" near ({', '.join(f'{x:.4g}' for x in place)})"
+    certain = NoMeshExists(
+        f"no valid mesh exists: the boundary would {fault}{near}",
         best=known.best,
         cells=known.cells,
         details={**known.details, **(details or {})},
     )
+    certain.looked_for = looked_for
+    return certain

@@ -19,6 +19,7 @@ from mesh_motion_numerics.mesh.boundary_facets import boundary_facets
 from mesh_motion_numerics.mesh.boundary_layer_nodes import furthest
 from mesh_motion_numerics.mesh.boundary_layer_wall import MovingWall
 from mesh_motion_numerics.mesh.cells import CellBlock, CellTable
+from mesh_motion_numerics.mesh.points import marks_at
 from mesh_motion_numerics.mesh.roles import Patch
 from mesh_motion_numerics.mesh.sliding import SlidingSurfaces
 from mesh_motion_numerics.motion.boundary_layer import BoundaryLayer
@@ -70,8 +71,7 @@ class LayeredWalls:
         wall = MovingWall.of_patches(points, facets, patches)
         if wall is None:
             return None
-        on_wall = np.zeros(len(points), dtype=bool)
-        on_wall[wall.nodes] = True
+        on_wall = marks_at(len(points), wall.nodes)
         above, height, along = _first_edges(points, cells, on_wall)
         layered = height[wall.nodes] * _THIN < along[wall.nodes]
         if np.count_nonzero(layered) < _LAYERED * len(wall.nodes):
@@ -89,10 +89,6 @@ class LayeredWalls:
         if np.any(np.abs(own - length) > _STRETCH * length):
             return True
         return bool(np.any(np.linalg.norm(now / own[:, None] - before / length[:, None], axis=1) > _TURN))
-
-    def needed_for(self, moved: Floats, *, corrected: bool) -> BoundaryLayer | None:
-        """The layer, if positions (n, d) found without it spoil it, or will be ``corrected``, which may spoil it."""
-        return self.layer if corrected or self.spoiled_by(moved) else None
 
     @cached_property
     def layer(self) -> BoundaryLayer | None:

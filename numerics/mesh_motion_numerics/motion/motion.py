@@ -30,7 +30,7 @@ from mesh_motion_numerics.motion.acceptance import (
     refuse_unacceptable,
     way_out,
 )
-from mesh_motion_numerics.motion.body_paths import Way, straight_way, ways
+from mesh_motion_numerics.motion.body_paths import Way, ways
 from mesh_motion_numerics.motion.boundary_layer import BoundaryLayer, held_with
 from mesh_motion_numerics.motion.crossing import NoMeshExists
 from mesh_motion_numerics.motion.exact_displacements import BoundaryDisplacement
@@ -40,7 +40,7 @@ from mesh_motion_numerics.motion.smooth_step import NOT_SMOOTH, PlainWay, smooth
 from mesh_motion_numerics.motion.standard_motion import StandardMotion, StandardTrial
 from mesh_motion_numerics.motion.sub_steps import Leg, Walk, furthest_walk
 from mesh_motion_numerics.motion.winding import UNWOUND, Turns
-from mesh_motion_numerics.quality.metrics import CellQuality, cell_quality, sizes_of, subset_quality
+from mesh_motion_numerics.quality.metrics import CellQuality, CellsAtRest, cell_quality, sizes_of, subset_quality
 from mesh_motion_numerics.quality.quality_summary import Judgement
 from mesh_motion_numerics.stopwatch import Stopwatch, check_time
 
@@ -134,6 +134,7 @@ class MotionModel(DifferentiableMesh):
             if self.method.correction == "none":  # all other methods have tested the boundary before they corrected
                 refusal = self._impossible(step, refusal) or refusal
             origin = committed[self.roles.moving]
+            unit = other_unit(self.points, targets - self.points[self.roles.moving])
             whole = boundary_displacement or BoundaryDisplacement(origin, targets - origin)
             try:
                 fraction = self._acceptable_fraction(step, whole, refusal)
@@ -144,7 +145,7 @@ class MotionModel(DifferentiableMesh):
                 best=refusal.best,
                 cells=refusal.cells,
                 fraction=fraction,
-                hint="; ".join(filter(None, (way_out(fraction), self._other_unit(targets)))),
+                hint="; ".join(filter(None, (way_out(fraction), unit))),
                 details=refusal.details,
             ) from refusal
 
@@ -152,7 +153,7 @@ class MotionModel(DifferentiableMesh):
 
     def _accept_or_lead(self, step: _Step) -> Motion:
         """Attempt the step at once; if it is refused, lead the mesh to its targets and correct it there."""
-        if self.smooth is not None and self.method.correction == "smooth":
+        if self.smooth is not None:
             return self._smooth_or_optimised(step, self.smooth)
         try:
             return self._attempt(step)
@@ -182,10 +183,8 @@ class MotionModel(DifferentiableMesh):
         check_time()
         plain = self._interpolate(step, self.standard_motion, watch)
         step.plain.append(plain.trial.points)
-        layer = self._layer_for(plain)
-        if layer is not None:
-            with watch.phase("predict"):
-                layer = self._fitting(layer, step)
+        with watch.phase("predict"):
+            layer = self._fitting_layer(step, plain)
         carried = None if layer is None else self._carrying(step, layer, watch)
         least = max(_AS_GOOD * plain.quality.metric.min, _NEARLY_INVERTED * self.method.quality_threshold)
         if carried is not None and carried.corrected.metric.min >= min(self.method.quality_threshold, least):
@@ -270,7 +269,7 @@ class MotionModel(DifferentiableMesh):
         """Interpolate the motion and judge the mesh."""
         self._refuse_passing(step.committed, step.targets)
         predicted = self._predict(motion, step, watch, turns)
-        if self.method.correction != "smooth" and motion.sliding is not None and predicted.quality.metric.min < _GOOD:
+        if self.smooth is None and motion.sliding is not None and predicted.quality.metric.min < _GOOD:
             held = self._predict(replace(motion, sliding=motion.sliding.held()), step, watch)
             gained = held.quality.metric.min - predicted.quality.metric.min
             if gained > (0.0 if predicted.quality.inverted else _WORSE):
@@ -287,7 +286,7 @@ class MotionModel(DifferentiableMesh):
         """Refuse the plain motion (n, d), which has this quality, if the boundary alone shows that no mesh exists."""
         collapsed = quality.inverted > 0 or quality.metric.min < _COLLAPSED
         corrected = self.method.correction != "none" or not quality.inverted
-        if not self.method.allow_invalid and (corrected if collapsed else self.boundary.may_overlap):
+        if not self.method.allow_invalid and (corrected if collapsed else self.boundary.outer is not None):
             # a correction would find no mesh, or one whose cells are all positive but overlap or have no size
             refusal = QualityRefused("", best=quality.metric.min, cells=[cell.number for cell in quality.worst])
             refuse = self.boundary.refuse if collapsed else self.boundary.refuse_overlap
@@ -297,7 +296,9 @@ class MotionModel(DifferentiableMesh):
         factors = Recorded(step.factors)
         trial = self._plain(motion, replace(step, factors=factors), turns, 1.0, watch)
         with watch.phase("predict"):
-            return _Predicted(motion, trial, *self.prediction(trial.points), factors)
+            if self.smooth is None or not isinstance(self.reference_sizes, CellsAtRest):
+                return _Predicted(motion, trial, self.summary(trial.points), None, factors)
+            return _Predicted(motion, trial, *self.judged(trial.points, self.smooth.limit), factors)
 
     def _plain(
         self, motion: StandardMotion, step: _Step, turns: Turns | None, fraction: float, watch: Stopwatch | None = None
@@ -310,15 +311,17 @@ class MotionModel(DifferentiableMesh):
         trial = motion.trial(step.committed, unwound, step.factors, watch)
         return replace(trial, points=wind(trial.points))
 
-    def _layer_for(self, plain: _Predicted) -> BoundaryLayer | None:
-        """The boundary layer that a motion without it may spoil."""
+    def _fitting_layer(self, step: _Step, plain: _Predicted) -> BoundaryLayer | None:
+        """The part of the boundary layer that can be carried to the targets, if a motion without it may spoil it.
+
+        The plain motion itself may spoil it, and so may a correction.
+        """
         if self.layered is None:
             return None
-        bad = plain.quality.metric.min < self.method.quality_threshold and self.method.correction != "none"
-        return self.layered.needed_for(plain.trial.points, corrected=bad)
-
-    def _fitting(self, layer: BoundaryLayer, step: _Step) -> BoundaryLayer | None:
-        """The part of a boundary layer that can be carried to the targets."""
+        corrected = plain.quality.metric.min < self.method.quality_threshold and self.method.correction != "none"
+        layer = self.layered.layer if corrected or self.layered.spoiled_by(plain.trial.points) else None
+        if layer is None:
+            return None
         moved = self.points.copy()
         moved[self.roles.moving] = step.targets
         mesh = TrialMesh(self.points, self.cells, self.reference_sizes, self.held, self.method.quality_metric)
@@ -351,7 +354,7 @@ class MotionModel(DifferentiableMesh):
                 quality = self.summary(correction.points, correction.quality)
         reached = quality.metric.min >= method.quality_threshold
         warnings = refuse_unacceptable(method, quality, reached)
-        if correction.points is standard.points and method.correction in ("none", "smooth"):
+        if correction.points is standard.points and (self.smooth is not None or method.correction == "none"):
             self._latest.led_to(standard.points, predicted.motion)
         return Motion(
             points=correction.points,
@@ -404,13 +407,7 @@ class MotionModel(DifferentiableMesh):
 
     def _ways(self, origin: Floats, targets: Floats) -> Iterator[Way]:
         """Ways for the moving nodes (k, d); periodic nodes must move together, so their displacement is only scaled."""
-        if self.standard_motion.periodic is not None:
-            return iter([straight_way(origin, targets)])
-        return ways(origin, targets, self.bodies)
-
-    def _other_unit(self, targets: Floats) -> str:
-        """Ask whether the targets (k, d) are in the unit of the mesh, if that is in doubt."""
-        return other_unit(self.points, targets - self.points[self.roles.moving])
+        return ways(origin, targets, self.bodies if self.standard_motion.periodic is None else ())
 
     def _impossible(self, step: _Step, refusal: QualityRefused | None = None) -> NoMeshExists | None:
         """The refusal if the boundary forbids every mesh, with the details of an earlier refusal; else None."""
@@ -432,7 +429,7 @@ class MotionModel(DifferentiableMesh):
 
         method = self.method
         enough = self.with_method(correction_target="threshold")  # more costs much and gives the same
-        if method.correction == "smooth" and method.sub_steps == "auto" and not method.refuse_below_threshold:
+        if self.smooth is not None and method.sub_steps == "auto" and not method.refuse_below_threshold:
             # a fraction that no smooth motion reaches is corrected up to the threshold, or led there if that fails
             least = min(method.quality_threshold, _VALID)
             enough = enough.with_method(correction="optimised", quality_threshold=least)
@@ -440,7 +437,7 @@ class MotionModel(DifferentiableMesh):
         plain = self.with_method(sub_steps="never", correction="none")
         plain = replace(plain.without_distributions(), layered=None)
         # a correction leaves a valid mesh unchanged if it finds no better one
-        certain = not method.refuse_below_threshold and method.correction != "smooth"
+        certain = not method.refuse_below_threshold and self.smooth is None
         exists, kinds = not isinstance(refusal, NoMeshExists), getattr(refusal, "looked_for", 0)
 
         def possible(fraction: float) -> bool:

@@ -229,15 +229,10 @@ class PlainSlope:
     @classmethod
     def build(cls, motion: StandardMotion, plain: Floats, factors: FactorSource) -> PlainSlope:
         """Build the derivative of the motion that has led to ``plain`` (n, d)."""
-        roles, layer = motion.roles, motion.layer
-        steps, known = [], roles.all
-        if layer is not None:
-            steps.append(_of_layer(motion, plain))
-            known = np.union1d(known, np.flatnonzero(layer.known))
+        steps = [] if motion.layer is None else [_of_layer(motion, plain)]
         steps += _of_walls(motion, plain, factors)
-        controls = motion.control_nodes(roles.all)
-        outer = _Interpolated.build(motion, controls, plain, motion.reference, factors, known)
-        return cls(motion, tuple(steps), outer, known, _of_images(motion))
+        outer = _Interpolated.build(motion, motion.controls, plain, motion.reference, factors, motion.known)
+        return cls(motion, tuple(steps), outer, motion.known, _of_images(motion))
 
     def apply(self, velocity: Floats) -> Floats:
         """(n, d) velocities of all nodes for velocities (k, d) of the moving nodes."""
@@ -349,7 +344,7 @@ def _of_walls(motion: StandardMotion, plain: Floats, factors: FactorSource) -> l
         elif wall.freedom().any():
             following = _Interpolated.build(motion, controls, plain, places, factors)
             if own.curved:
-                places = motion.following(rest, controls, plain, factors, Stopwatch()).positions(places)
+                places = motion.solved(rest, controls, plain[controls], factors, Stopwatch()).stage.positions(places)
         steps += [_of_wall(own.nodes, own.slope(places), following), _of_images(motion)]
         if own.curved and 1 in wall.freedom() and not wall.only_carried:
             now, known = plain.copy(), np.zeros(len(plain), dtype=bool) if layer is None else layer.known.copy()

@@ -40,14 +40,13 @@ def motion_model(
     points: Floats, cells: CellTable, patches: Mapping[str, Patch], method: Method
 ) -> MotionModel | OneLayerMotion:
     """The model of a mesh, in 2D if the mesh is one layer between sliding planes; errors as in the model."""
-    if cells.dimension == 3:
-        checked = checked_mesh(points, cells, patches)
-        layer = OneLayer.find(points, checked.cells, patches)
-        if layer is not None:
-            plane = MotionModel.build(layer.project(points), layer.cells, layer.patches, method)
-            moving = BoundaryRoles.from_patches(patches).moving
-            return OneLayerMotion(points, checked.cells, layer, plane, moving, (*checked.warnings, AS_A_PLANE))
-    return MotionModel.build(points, cells, patches, method)
+    checked = checked_mesh(points, cells, patches)
+    layer = OneLayer.find(points, checked.cells, patches)
+    if layer is None:
+        return MotionModel.build(points, cells, patches, method, checked)
+    plane = MotionModel.build(layer.project(points), layer.cells, layer.patches, method)
+    moving = BoundaryRoles.from_patches(patches).moving
+    return OneLayerMotion(points, checked.cells, layer, plane, moving, (*checked.warnings, AS_A_PLANE))
 
 
 @dataclass(frozen=True, eq=False)

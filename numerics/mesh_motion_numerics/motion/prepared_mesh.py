@@ -1,6 +1,7 @@
 """The constant data that every motion of a session needs: the reference mesh, its roles, and derived data."""
 
 from collections.abc import Mapping
+from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Self
@@ -10,24 +11,22 @@ import numpy as np
 from mesh_motion_numerics.arrays import Floats, Integers, Marks
 from mesh_motion_numerics.correction.boundary_constraint import BoundaryConstraint
 from mesh_motion_numerics.correction.smooth_motion import SmoothMotion
-from mesh_motion_numerics.interpolation.support_radius import with_reach
 from mesh_motion_numerics.mesh.boundary_facets import boundary_facets, boundary_nodes
 from mesh_motion_numerics.mesh.cells import CellTable
-from mesh_motion_numerics.mesh.periodic_nodes import PeriodicNodes
 from mesh_motion_numerics.mesh.plane_rims import PlaneRims
+from mesh_motion_numerics.mesh.points import marks_at
 from mesh_motion_numerics.mesh.roles import BoundaryRoles, Patch
 from mesh_motion_numerics.method import Method
 from mesh_motion_numerics.motion.body_paths import Body, moving_bodies
 from mesh_motion_numerics.motion.boundary_layer import BoundaryLayer, held_with
 from mesh_motion_numerics.motion.crossing import PossibleCrossing
 from mesh_motion_numerics.motion.layered_walls import LayeredWalls
-from mesh_motion_numerics.motion.method_check import check_method
 from mesh_motion_numerics.motion.standard_motion import StandardMotion
 from mesh_motion_numerics.motion.winding import Winding, winding_body
 from mesh_motion_numerics.quality.headroom import Headroom, headroom
-from mesh_motion_numerics.quality.mesh_check import checked_mesh
-from mesh_motion_numerics.quality.metrics import AtRest, CellQuality, CellsAtRest, cells_at_rest
-from mesh_motion_numerics.quality.quality_summary import Judgement, judged_mesh, lowest_of, summarize
+from mesh_motion_numerics.quality.mesh_check import CheckedMesh, checked_mesh
+from mesh_motion_numerics.quality.metrics import AtRest, CellQuality, cells_at_rest
+from mesh_motion_numerics.quality.quality_summary import Judgement, judged_mesh, summarize
 
 __all__ = ["PreparedMesh"]
 
@@ -52,7 +51,7 @@ class PreparedMesh:
     warnings : tuple of str
         The warnings of :func:`checked_mesh`.
     smooth : SmoothMotion or None
-        The prepared correction "smooth".
+        The prepared correction "smooth"; None with every other correction.
     layered : LayeredWalls or None
         Walls whose layers move with them if interpolation would spoil the layers; None without such walls.
     distributions : bool
@@ -85,31 +84,26 @@ class PreparedMesh:
         cells: CellTable,
         patches: Mapping[str, Patch],
         method: Method,
+        checked: CheckedMesh | None = None,
     ) -> Self:
-        """Check the mesh and prepare what every motion needs.
+        """Check the mesh, unless it is ``checked`` already, and prepare what every motion needs.
 
         Raises
         ------
         InvalidInput
             If the mesh or a patch is unusable (see :func:`checked_mesh`), or the method does not fit the mesh.
         """
-        cells, sizes, warnings, resting, coincident, loose = checked_mesh(points, cells, patches)
+        cells, sizes, warnings, resting, coincident, loose = checked or checked_mesh(points, cells, patches)
         if len(resting):
             patches = {**patches, "": Patch("fixed", resting)}
         at_rest = cells_at_rest(points, cells, sizes) if method.quality_metric == "relative-size-skew" else sizes
-        roles = BoundaryRoles.from_patches(patches)
         facets = boundary_facets(cells)
-        periodic = PeriodicNodes.build(points, facets, patches, roles)
-        mesh = roles.without(points, loose)
-        check_method(method, *mesh, periodic=periodic is not None)
-        method, reach = with_reach(method, *mesh, periodic=periodic)
-        held = np.zeros(len(points), dtype=bool)
-        held[boundary_nodes(cells)] = True
-        held[roles.all] = True
-        motion, smooth = StandardMotion.build(points, facets, patches, method, reach, periodic), None
+        motion = StandardMotion.build(points, facets, patches, method, loose)
+        roles, method = motion.roles, motion.method
+        held = marks_at(len(points), boundary_nodes(cells), roles.all)
         constraint = BoundaryConstraint.build(points, facets, patches, motion.surfaces, motion.sliding, motion.periodic)
-        if method.correction == "smooth":
-            smooth = SmoothMotion.build(points, cells, held, constraint)
+        is_smooth = method.correction == "smooth"
+        smooth = SmoothMotion.build(points, cells, held, constraint) if is_smooth else None
         layered = LayeredWalls.build(points, cells, patches, motion.sliding)
         return cls(
             points,
@@ -129,12 +123,19 @@ class PreparedMesh:
 
     def without_distributions(self) -> Self:
         """The same mesh, judged exactly by its worst cells, without distributions."""
-        return replace(self, distributions=False)
+        return self._brief
+
+    @cached_property
+    def _brief(self) -> Self:
+        other = copy(self)  # with what is already prepared: later coupling iterations use this mesh
+        object.__setattr__(other, "distributions", False)
+        return other
 
     def with_method(self, **choices: Any) -> Self:
         """The same mesh with other choices of its method that need no new preparation."""
         method = replace(self.method, **choices)
-        return replace(self, method=method, standard_motion=replace(self.standard_motion, method=method))
+        smooth = self.smooth if method.correction == "smooth" else None
+        return replace(self, method=method, smooth=smooth, standard_motion=replace(self.standard_motion, method=method))
 
     @cached_property
     def boundary(self) -> PossibleCrossing:
@@ -156,8 +157,7 @@ class PreparedMesh:
     @cached_property
     def cells_at_moving(self) -> Integers:
         """(k,) numbers of the cells with a facet on the moving boundary, ascending."""
-        moving = np.zeros(len(self.points), dtype=bool)
-        moving[self.roles.moving] = True
+        moving = marks_at(len(self.points), self.roles.moving)
         of_facet = self.cells.dimension
         return np.flatnonzero(np.concatenate([moving[block.nodes].sum(axis=1) >= of_facet for block in self.cells]))
 
@@ -167,31 +167,20 @@ class PreparedMesh:
         If the ``quality`` of every cell at these points is given, no cell is judged again.
         """
         if quality is not None:
-            judge = summarize if self.distributions else lowest_of
-            return judge(quality, points, self.cells, metric=self.method.quality_metric)
-        return self._judged(points, 0.0)[0]
+            metric = self.method.quality_metric
+            return summarize(quality, points, self.cells, metric=metric, distributions=self.distributions)
+        return self.judged(points)[0]
 
-    def prediction(self, points: Floats) -> tuple[Judgement, Integers | None]:
-        """Quality of a plain motion to ``points`` (n, d), and the cells that a smooth correction must consider.
-
-        These cells are None if only the correction can find them.
-        """
-        if (
-            self.smooth is None
-            or self.method.correction != "smooth"
-            or not isinstance(self.reference_sizes, CellsAtRest)
-        ):
-            return self.summary(points), None
-        return self._judged(points, self.smooth.limit)
-
-    def _judged(self, points: Floats, limit: float) -> tuple[Judgement, Integers]:
-        choices = {"metric": self.method.quality_metric, "distributions": self.distributions, "limit": limit}
-        return judged_mesh(points, self.cells, self.reference_sizes, **choices)  # type: ignore[arg-type]
+    def judged(self, points: Floats, limit: float = 0.0) -> tuple[Judgement, Integers]:
+        """The :meth:`summary`, and the cells whose worst corner is below a limit (:func:`.judged_mesh`)."""
+        metric, full = self.method.quality_metric, self.distributions
+        return judged_mesh(points, self.cells, self.reference_sizes, metric=metric, distributions=full, limit=limit)
 
     @cached_property
     def carrying_layers(self) -> StandardMotion:
         """The standard motion with the layer of the layered walls."""
-        return self.motion_with(None if self.layered is None else self.layered.layer)
+        layer = None if self.layered is None else self.layered.layer
+        return self.standard_motion if layer is None else self.standard_motion.with_layer(layer)
 
     @cached_property
     def bodies(self) -> tuple[Body, ...]:
@@ -216,9 +205,10 @@ class PreparedMesh:
         held = held_with(self.held, layer)
         return Winding(self.points, self.roles.moving, held, simplices, layer, lambda: smooth.averages, bodies)
 
-    def motion_with(self, layer: BoundaryLayer | None) -> StandardMotion:
-        """The standard motion with this boundary layer."""
-        return self.standard_motion if layer is None else self.standard_motion.with_layer(layer)
+    def motion_with(self, layer: BoundaryLayer) -> StandardMotion:
+        """The standard motion with this layer, which is mostly the whole layer of the walls."""
+        whole = self.carrying_layers
+        return whole if layer is whole.layer else self.standard_motion.with_layer(layer)
 
     def constraint_with(self, layer: BoundaryLayer | None) -> BoundaryConstraint | None:
         """The constraint of the boundary nodes that are not in this boundary layer."""

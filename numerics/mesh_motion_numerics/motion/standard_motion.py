@@ -28,6 +28,7 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import mesh_motion_kernels as kernels
 import numpy as np
@@ -47,20 +48,20 @@ from mesh_motion_numerics.interpolation.far_field import FarFieldFactorization
 from mesh_motion_numerics.interpolation.interpolant import Factorization
 from mesh_motion_numerics.interpolation.kernels import basis_named
 from mesh_motion_numerics.interpolation.periodic_interpolant import periodic_factorization_of
-from mesh_motion_numerics.interpolation.support_radius import Reach
+from mesh_motion_numerics.interpolation.support_radius import Reach, with_reach
 from mesh_motion_numerics.interpolation.two_scale.factorization import TwoScalePlan, plan_for, plans_for
 from mesh_motion_numerics.interpolation.two_scale.interpolant import AnyInterpolant
 from mesh_motion_numerics.interpolation.two_scale.smoothing import Smoothing
 from mesh_motion_numerics.mesh.paths import RigidMotion, fit_rigid_motion, fit_screw, substeps
 from mesh_motion_numerics.mesh.periodic_nodes import PeriodicNodes
-from mesh_motion_numerics.mesh.points import bounding_box
+from mesh_motion_numerics.mesh.points import bounding_box, marks_at
 from mesh_motion_numerics.mesh.roles import BoundaryRoles, Patch
 from mesh_motion_numerics.mesh.sliding import SlidingSurfaces
 from mesh_motion_numerics.mesh.whole_walls import whole_walls
 from mesh_motion_numerics.method import Method
 from mesh_motion_numerics.motion.boundary_layer import BoundaryLayer
-from mesh_motion_numerics.reduction.near_surface import boundary_spacing
-from mesh_motion_numerics.reduction.reduced_motion import interpolate_reduced
+from mesh_motion_numerics.motion.method_check import check_method
+from mesh_motion_numerics.reduction.reduced_motion import boundary_spacing, interpolate_reduced
 from mesh_motion_numerics.stopwatch import Stopwatch
 
 __all__ = ["StandardMotion", "StandardTrial"]
@@ -70,7 +71,6 @@ __all__ = ["StandardMotion", "StandardTrial"]
 _SUBSTEP_FRACTION = 0.025
 #: … and at most this many.
 _MAX_SUBSTEPS = 20
-_ONE_RADIUS = Reach()
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,6 +99,14 @@ class Stage:
             moved += evaluation.displacement(level, points)
         kernels.add_values(np.ascontiguousarray(carried).reshape(-1), moved.reshape(-1))
         return moved
+
+
+class Solved(NamedTuple):
+    """An interpolation: its stage, the factorization of the boundary's nodes, and its control nodes (nc,)."""
+
+    stage: Stage
+    factorization: Factorization
+    control_points: Integers
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,15 +178,20 @@ class StandardMotion:
         facets: Mapping[str, Integers],
         patches: Mapping[str, Patch],
         method: Method,
-        reach: Reach = _ONE_RADIUS,
-        periodic: PeriodicNodes | None = None,
+        loose: Integers | None = None,
     ) -> StandardMotion:
         """Prepare the motion of a checked mesh with reference coordinates ``points`` (n, d).
 
-        ``facets``: those of the whole boundary (f, k), by type; the motion needs no cells. Without ``reach`` only the
-        method's support radius counts. ``periodic``: of the patches.
+        ``facets``: those of the whole boundary (f, k), by type; the motion needs no cells. ``loose`` (l,): nodes of no
+        cell and no role.
+
+        Raises InvalidInput if the method does not fit the mesh.
         """
         roles = BoundaryRoles.from_patches(patches)
+        periodic = PeriodicNodes.build(points, facets, patches, roles)
+        mesh = (points, roles) if loose is None else roles.without(points, loose)
+        check_method(method, *mesh, periodic=periodic is not None)
+        method, reach = with_reach(method, *mesh, periodic=periodic)
         sliding, surfaces = None, whole_walls(points, facets, patches)
         if len(roles.sliding):
             images = () if periodic is None else periodic.generators
@@ -227,17 +240,17 @@ class StandardMotion:
             self.periodic.check_targets(self.roles.moving, targets)
         start = committed if self.method.displacement == "relative" else self.reference
         waypoints = self._waypoints(start, targets) if self.method.displacement == "reanchored" else [targets]
-        points, solved, stages = start, [], []
+        points, solved = start, []
         for waypoint in waypoints:
             points, last = self._interpolate(points, waypoint, factors, watch)
             solved.append(last)
-            stages.append(last.stage)
         factorization = solved[0].factorization
         if self.periodic is not None and self.method.correction not in ("none", "smooth", "optimised"):
             # an enrichment must vanish on periodic sides too
             nodes = np.union1d(self._controls(self.roles.all), self.roles.periodic)
             factorization = factorization_of(start[nodes], self.method, factors)
-        return StandardTrial(start, points, tuple(stages), factorization, solved[-1].control_points)
+        stages = tuple(one.stage for one in solved)
+        return StandardTrial(start, points, stages, factorization, solved[-1].control_points)
 
     def _waypoints(self, start: Floats, targets: Floats) -> list[Floats]:
         """Positions of the moving nodes after each sub-step, the targets last."""
@@ -251,29 +264,33 @@ class StandardMotion:
 
     def _interpolate(
         self, points: Floats, targets: Floats, factors: FactorSource, watch: Stopwatch
-    ) -> tuple[Floats, _Solved]:
+    ) -> tuple[Floats, Solved]:
         """One interpolation from the mesh ``points`` (n, d): the new positions and the solved stage."""
-        roles = self.roles
-        if self.layer is None and self.periodic is None and self.sliding is None:
+        roles, layer = self.roles, self.layer
+        if layer is None and self.periodic is None and self.sliding is None:
             # without an array of all nodes, which takes as long as one pass over the mesh
-            positions = self.reference.take(roles.prescribed, axis=0)
-            positions[roles.moving_rows] = targets
-            solved = self._solve(points, roles.prescribed, positions, factors, watch)
-            with watch.phase("displace"):
-                return self._displaced(points, roles.prescribed, positions, solved.stage, factors), solved
-        prescribed = points.copy()
-        prescribed[roles.fixed] = self.reference[roles.fixed]
-        prescribed[roles.moving] = targets
-        if self.layer is not None:
-            with watch.phase("displace"):
-                prescribed[self.layer.nodes] = self.layer.carried(prescribed)
-        if self.sliding is not None:
-            prescribed = self._slid(points, prescribed, factors, watch)
-        controls = self.control_nodes(roles.all)
-        solved = self._solve(points, controls, prescribed[controls], factors, watch)
+            known = controls = roles.prescribed
+            places = goal = self.reference.take(known, axis=0)
+            places[roles.moving_rows] = targets
+        else:
+            prescribed = points.copy()
+            prescribed[roles.fixed] = self.reference[roles.fixed]
+            prescribed[roles.moving] = targets
+            if layer is not None:
+                with watch.phase("displace"):
+                    prescribed[layer.nodes] = layer.carried(prescribed)
+            if self.sliding is not None:
+                prescribed = self._slid(points, prescribed, factors, watch)
+            known, controls = self.known, self.controls
+            places, goal = prescribed[known], prescribed[controls]
+        solved = self.solved(points, controls, goal, factors, watch)
         with watch.phase("displace"):
-            known = roles.all if self.layer is None else np.union1d(roles.all, np.flatnonzero(self.layer.known))
-            return self.tied(self._displaced(points, known, prescribed[known], solved.stage, factors)), solved
+            moved = solved.stage.positions(
+                points, prepared_for(solved.stage.interpolant, points, factors, skipped=known)
+            )
+            numbers = known[:, None] * moved.shape[1] + np.arange(moved.shape[1])
+            moved.reshape(-1)[numbers.reshape(-1)] = places.reshape(-1)  # moved[known] = places, in a third of the time
+            return self.tied(moved), solved
 
     def _slid(self, points: Floats, prescribed: Floats, factors: FactorSource, watch: Stopwatch) -> Floats:
         """The ``prescribed`` positions (n, d) with the sliding nodes on their surfaces."""
@@ -285,7 +302,7 @@ class StandardMotion:
                     rigid = self.carry(points, points[controls], prescribed[controls])
                     places = places if rigid is None else rigid.apply(places)
                 else:
-                    following = self.following(points, controls, prescribed, factors, watch)
+                    following = self.solved(points, controls, prescribed[controls], factors, watch).stage
                     with watch.phase("displace"):
                         places = following.positions(places)
             known = np.zeros(len(points), dtype=bool) if self.layer is None else self.layer.known.copy()
@@ -298,12 +315,6 @@ class StandardMotion:
                 prescribed[wall.nodes] = wall.project(wall.in_order(placed, known)[wall.nodes])
         return prescribed
 
-    def following(
-        self, points: Floats, controls: Integers, prescribed: Floats, factors: FactorSource, watch: Stopwatch
-    ) -> Stage:
-        """The stage that walls follow: it takes control nodes (c,) from ``points`` (n, d) to ``prescribed`` (n, d)."""
-        return self._solve(points, controls, prescribed[controls], factors, watch).stage
-
     def _controls(self, nodes: Integers) -> Integers:
         """The control nodes for nodes (c,) with a role: a layer's outermost nodes replace the nodes behind them."""
         return nodes if self.layer is None else self.layer.shield.instead(nodes)
@@ -313,20 +324,20 @@ class StandardMotion:
         controls = self._controls(nodes)
         return controls if self.periodic is None else np.unique(self.periodic.root_of(controls))
 
-    def _displaced(
-        self, points: Floats, known: Integers, positions: Floats, stage: Stage, factors: FactorSource
-    ) -> Floats:
-        """The mesh ``points`` (n, d) displaced by a stage, with the nodes ``known`` (k,) at ``positions`` (k, d)."""
-        prepared = prepared_for(stage.interpolant, points, factors, skipped=known)
-        moved = stage.positions(points, prepared)
-        numbers = known[:, None] * moved.shape[1] + np.arange(moved.shape[1])
-        moved.reshape(-1)[numbers.reshape(-1)] = positions.reshape(-1)  # moved[known] = given, in a third of the time
-        return moved
+    @cached_property
+    def controls(self) -> Integers:
+        """(c,) the control nodes of all nodes with a role."""
+        return self.control_nodes(self.roles.all)
 
-    def _solve(
+    @cached_property
+    def known(self) -> Integers:
+        """(k,) nodes that the interpolation does not place: those with a role, and those of the layer."""
+        return self.roles.all if self.layer is None else np.union1d(self.roles.all, self.layer.nodes)
+
+    def solved(
         self, points: Floats, controls: Integers, goal: Floats, factors: FactorSource, watch: Stopwatch
-    ) -> _Solved:
-        """The stage that takes the control nodes (c,) from ``points`` (n, d) to ``goal`` (c, d)."""
+    ) -> Solved:
+        """The interpolation that takes the control nodes (c,) from ``points`` (n, d) to ``goal`` (c, d)."""
         with watch.phase("solve"):
             origin = points.take(controls, axis=0)  # three times as fast as points[controls]
             rigid = None
@@ -335,9 +346,9 @@ class StandardMotion:
             displacement = goal - (origin if rigid is None else rigid.apply(origin))
             if self.periodic is not None or self.method.reduction == "none":
                 factorization = self._all_factorized(points, origin, controls, factors)
-                return _Solved(Stage(rigid, factorization.solve(displacement)), factorization, controls)
+                return Solved(Stage(rigid, factorization.solve(displacement)), factorization, controls)
             reduced = interpolate_reduced(origin, displacement, self.method, factors, spacing=self.spacing)
-            return _Solved(
+            return Solved(
                 Stage(rigid, reduced.levels[0], reduced.levels[1:]),
                 DeferredFactorization(origin, self.method, factors),
                 controls[reduced.selected],
@@ -376,7 +387,18 @@ class StandardMotion:
                 origin, images, box, self.method, factors, self.periodic.open_sector,
                 self._smoothing, ~np.isin(controls, self.roles.fixed),
             )  # fmt: skip
-        found = self._in_scales(points, origin, controls, factors)
+        plan = self.plans.get(controls.tobytes())
+        try:
+            if plan is None:
+                found = factorization_of(origin, self.method, factors)
+            else:
+                found = two_scale_factorization_of(origin, bounding_box(points), plan, factors)
+        except QualityRefused:
+            if not basis_named(self.method.basis).compact:
+                raise
+            # the boundary has changed too much for the reference mesh's plan
+            plan = plan_for(points, controls, self.roles, self.method, self._smoothing)
+            found = two_scale_factorization_of(origin, bounding_box(points), plan, factors)
         if not self.reach.mean_radius:
             return found
         return FarFieldFactorization(found, np.flatnonzero(~self._still[controls]), self.reach.mean_radius)
@@ -384,35 +406,8 @@ class StandardMotion:
     @cached_property
     def _still(self) -> Marks:
         """(n,) whether each node is fixed or slides."""
-        marks = np.zeros(len(self.reference), dtype=bool)
-        marks[self.roles.fixed] = marks[self.roles.sliding] = True
-        return marks
-
-    def _in_scales(self, points: Floats, origin: Floats, controls: Integers, factors: FactorSource) -> Factorization:
-        """As :meth:`_all_factorized`, in one scale or two, without images.
-
-        If the boundary has changed too much for the reference mesh's plan, it uses a new plan.
-        """
-        plan = self.plans.get(controls.tobytes())
-        try:
-            if plan is None:
-                return factorization_of(origin, self.method, factors)
-            return two_scale_factorization_of(origin, bounding_box(points), plan, factors)
-        except QualityRefused:
-            if not basis_named(self.method.basis).compact:
-                raise
-        renewed = plan_for(points, controls, self.roles, self.method, self._smoothing)
-        return two_scale_factorization_of(origin, bounding_box(points), renewed, factors)
+        return marks_at(len(self.reference), self.roles.fixed, self.roles.sliding)
 
     def tied(self, positions: Floats) -> Floats:
         """Positions (n, d) with periodic images placed by their roots, except the moving nodes."""
         return positions if self.periodic is None else self.periodic.tied(positions, left=self.roles.moving)
-
-
-@dataclass(frozen=True, eq=False)
-class _Solved:
-    """A stage, the boundary's factorization and the control nodes (nc,)."""
-
-    stage: Stage
-    factorization: Factorization
-    control_points: Integers

@@ -30,7 +30,7 @@ from mesh_motion_numerics.mesh.points import bounding_box
 from mesh_motion_numerics.mesh.roles import Patch
 from mesh_motion_numerics.quality.metrics import cell_quality, reference_sizes
 from mesh_motion_numerics.quality.orientation import OrientedCells, oriented
-from mesh_motion_numerics.quality.quality_summary import lowest_quality
+from mesh_motion_numerics.quality.quality_summary import judged_mesh
 
 __all__ = ["CheckedMesh", "checked_cells", "checked_mesh", "nodes_in_no_cell"]
 
@@ -170,7 +170,8 @@ def _check_indices(n: int, cells: CellTable) -> None:
 
 def _check_geometry(points: Floats, cells: CellTable, sizes: Floats) -> None:
     """Require positive corner determinants and no flat cell; sizes (m,)."""
-    lowest = lowest_quality(points, cells, sizes, metric="skew", worst=1)  # in one pass that stores no array
+    # in one pass that stores no array
+    lowest, _ = judged_mesh(points, cells, sizes, metric="skew", worst=1, distributions=False)
     if lowest.inverted or not lowest.metric.min > _FLAT_SKEW:
         _refuse_geometry(points, cells, sizes)
 

@@ -1,7 +1,7 @@
 """The quality of a mesh in a few numbers: extremes, mean, percentiles, and the worst cells, which decide on a motion.
 
 :func:`judged_mesh` goes through the cells once and stores no array as large as the mesh;
-:func:`summarize` and :func:`lowest_of` take the known quality of every cell. All give bitwise equal results.
+:func:`summarize` takes the known quality of every cell. Both give bitwise equal results.
 
 To find only the worst cells, a comparison of sixth powers excludes most tetrahedra
 (``kernels/src/quality/summaries.h``).
@@ -33,9 +33,6 @@ __all__ = [
     "WorstCell",
     "distribution",
     "judged_mesh",
-    "lowest_of",
-    "lowest_quality",
-    "mesh_summary",
     "percentile_ranks",
     "reported_metrics",
     "smallest",
@@ -198,59 +195,22 @@ def judged_mesh(
     return QualitySummary.of(rows, metric, inverted=inverted, cells=len(cells), worst=named), distorted
 
 
-def mesh_summary(
-    points: NDArray[np.floating],
-    cells: CellTable,
-    reference_sizes: AtRest,
-    *,
-    metric: str = "size-skew",
-    worst: int = 10,
-) -> QualitySummary:
-    """The quality of :func:`judged_mesh`."""
-    found = judged_mesh(points, cells, reference_sizes, metric=metric, worst=worst)[0]
-    assert isinstance(found, QualitySummary)
-    return found
-
-
-def lowest_quality(
-    points: NDArray[np.floating],
-    cells: CellTable,
-    reference_sizes: AtRest,
-    *,
-    metric: str = "size-skew",
-    worst: int = 10,
-) -> LowestQuality:
-    """The quality of :func:`judged_mesh` without distributions."""
-    found = judged_mesh(points, cells, reference_sizes, metric=metric, worst=worst, distributions=False)[0]
-    assert isinstance(found, LowestQuality)
-    return found
-
-
 def summarize(
-    quality: CellQuality, points: NDArray[np.floating], cells: CellTable, *, metric: str = "size-skew", worst: int = 10
-) -> QualitySummary:
-    """As :func:`mesh_summary`, from the ``quality`` of all m cells; ``points`` (n, d) give the worst cells' centres."""
-    values = {name: quality.metric(name) for name in reported_metrics(metric)}
+    quality: CellQuality,
+    points: NDArray[np.floating],
+    cells: CellTable,
+    *,
+    metric: str = "size-skew",
+    worst: int = 10,
+    distributions: bool = True,
+) -> Judgement:
+    """The quality of :func:`judged_mesh` from that of all m cells; ``points`` (n, d) give the worst cells' centres."""
+    names = reported_metrics(metric) if distributions else [metric]
+    values = {name: quality.metric(name) for name in names}
     numbers = smallest(values[metric], worst)
-    return QualitySummary.of(
-        {name: distribution(own) for name, own in values.items()},
-        metric,
-        inverted=int(np.count_nonzero(quality.inverted)),
-        cells=len(quality),
-        worst=worst_cells(numbers, cells.centres(points, numbers), quality.worst(numbers, metric)),
-    )
-
-
-def lowest_of(
-    quality: CellQuality, points: NDArray[np.floating], cells: CellTable, *, metric: str = "size-skew", worst: int = 10
-) -> LowestQuality:
-    """As :func:`lowest_quality`, from the ``quality`` of all m cells; ``points`` (n, d) as for :func:`summarize`."""
-    values = quality.metric(metric)
-    numbers = smallest(values, worst)
-    return LowestQuality(
-        metric,
-        Minimum(float(values[numbers[0]])),
-        int(np.count_nonzero(quality.inverted)),
-        len(quality),
-        worst_cells(numbers, cells.centres(points, numbers), quality.worst(numbers, metric)),
-    )
+    named = worst_cells(numbers, cells.centres(points, numbers), quality.worst(numbers, metric))
+    inverted = int(np.count_nonzero(quality.inverted))
+    if not distributions:
+        return LowestQuality(metric, Minimum(float(values[metric][numbers[0]])), inverted, len(quality), named)
+    found = {name: distribution(own) for name, own in values.items()}
+    return QualitySummary.of(found, metric, inverted=inverted, cells=len(quality), worst=named)

@@ -14,10 +14,8 @@ algorithm", J. Comput. Phys. 433 (2021); thesis [20].
 import numpy as np
 
 from mesh_motion_numerics.arrays import Integers
-from mesh_motion_numerics.reduction.full_solve import full_operations, full_weights
-from mesh_motion_numerics.reduction.growing_set import GrowingSet
-from mesh_motion_numerics.reduction.problem import Reduced, ReductionProblem
-from mesh_motion_numerics.reduction.progress import Progress, lengths
+from mesh_motion_numerics.reduction.growing_set import GrowingSet, full_operations, full_weights
+from mesh_motion_numerics.reduction.problem import Progress, Reduced, ReductionProblem, lengths
 
 __all__ = ["default_groups", "greedy", "reduce", "select"]
 

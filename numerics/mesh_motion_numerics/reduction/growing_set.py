@@ -1,4 +1,6 @@
-"""A set of nodes that grows one by one, and its weights; a node costs two products of its size (thesis §2.2.3: N_c³).
+"""Weights of a selected set of nodes: at once, or as it grows one by one.
+
+A node then costs two products of the set's size (thesis §2.2.3: N_c³).
 
 With ``φ_cc = L Lᵀ`` the weights are ``γ = L⁻ᵀ y, y = L⁻¹ d``. A further node appends a row to L, a row w to
 ``W = L⁻¹``, and an entry to y: the scaled error of the earlier nodes at the new one. So ``γ = Σ_j w_j y_j`` only gains
@@ -9,9 +11,10 @@ import numpy as np
 from mesh_motion_protocol.errors import QualityRefused
 
 from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_numerics.interpolation.factorizations.dense import PanelCholesky
 from mesh_motion_numerics.reduction.problem import ReductionProblem
 
-__all__ = ["LOST", "GrowingSet", "singular"]
+__all__ = ["LOST", "GrowingSet", "full_operations", "full_weights", "singular"]
 
 LOST = 64 * float(np.finfo(float).eps)
 """A pivot this small relative to φ(0) has no correct digit: its point is numerically equal to a selected one."""
@@ -76,3 +79,20 @@ def singular() -> QualityRefused:
         code="FAILED_PRECONDITION",
         hint="take a smaller support radius or a less smooth basis",
     )
+
+
+def full_weights(problem: ReductionProblem, selected: Integers) -> Floats:
+    """(nc, k) weights that reproduce the displacement of the selected nodes, by a fresh factorization: thesis (2.4).
+
+    Raises QualityRefused if the matrix is singular to working precision.
+    """
+    factor = PanelCholesky(
+        len(selected), lambda first, last: problem.columns(selected[first:last], rows=selected[first:])
+    )
+    return factor.solve(problem.displacement[selected])
+
+
+def full_operations(problem: ReductionProblem, count: int) -> float:
+    """Multiply-adds of a solution: a Cholesky factor of order ``count``, two substitutions for k right-hand sides."""
+    components = int(problem.displacement.shape[1])
+    return float(count) ** 3 / 6.0 + components * float(count) ** 2

@@ -16,9 +16,10 @@ from mesh_motion_numerics.interpolation.centres import CentreLayout
 from mesh_motion_numerics.interpolation.control_points import checked_control_points
 from mesh_motion_numerics.interpolation.interpolant import Interpolant
 from mesh_motion_numerics.interpolation.kernels import DEFAULT_BASIS, Basis, basis_named
+from mesh_motion_numerics.interpolation.two_scale.interpolant import AnyInterpolant
 from mesh_motion_numerics.mesh.points import padded
 
-__all__ = ["Iterate", "Level", "Reduced", "ReductionProblem"]
+__all__ = ["Iterate", "Level", "Progress", "Reduced", "ReductionProblem", "lengths"]
 
 
 #: A level is an interpolant: weights on a subset of the boundary nodes, with its own support radius.
@@ -114,7 +115,7 @@ class Iterate:
 class Reduced:
     """A reduced interpolation."""
 
-    levels: tuple[Level, ...]  # their sum is the field
+    levels: tuple[AnyInterpolant, ...]  # their sum is the field
     selected: Integers  # (nc,). Boundary nodes in the order of choice, each once
     #: (nb, k), mesh length unit. Remaining error at all boundary nodes: prescribed minus interpolated, thesis (2.12).
     error: Floats
@@ -124,6 +125,37 @@ class Reduced:
     def max_error(self) -> float:
         """Largest error of a node, mesh length unit."""
         return float(np.sqrt(np.max(_squared_lengths(self.error))))
+
+
+class Progress:
+    """Counts operations and records an :class:`Iterate` each time the errors are known: common to all algorithms."""
+
+    def __init__(self, problem: ReductionProblem) -> None:
+        self._problem = problem
+        self._solve, self._error = 0.0, 0.0
+        self.history: list[Iterate] = []
+
+    def count(self, *, solve: float = 0.0, error: float = 0.0) -> None:
+        """Add multiply-adds spent on weights, and φ evaluated or read for errors."""
+        self._solve += solve
+        self._error += error
+
+    def record(self, points: int, error: Floats) -> bool:
+        """Record the (n, k) remaining errors with this number of points; return whether to stop.
+
+        The end is reached if the tolerance is met, or if no further point may be selected. A tolerance of 0 is met only
+        by a zero error, so that rounding does not decide about the end.
+        """
+        size = lengths(error)
+        largest = float(size.max())
+        rms = float(np.sqrt(np.dot(size, size) / len(size)))
+        self.history.append(Iterate(points, largest, rms, self._solve, self._error))
+        return largest <= self._problem.allowed_error or points >= self._problem.limit
+
+
+def lengths(vectors: Floats) -> Floats:
+    """(n,) Euclidean lengths of (n, k) vectors."""
+    return np.asarray(np.sqrt(_squared_lengths(vectors)))
 
 
 def _squared_lengths(vectors: Floats) -> Floats:

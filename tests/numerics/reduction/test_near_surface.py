@@ -7,7 +7,7 @@ from mesh_motion_numerics.interpolation.interpolant import factorize
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.quality.metrics import cell_quality, reference_sizes
 from mesh_motion_numerics.reduction import REDUCTIONS, ReductionProblem
-from mesh_motion_numerics.reduction.near_surface import boundary_spacing, near_surface_radius
+from mesh_motion_numerics.reduction.reduced_motion import boundary_spacing, near_surface_radius
 
 
 def test_spacing_is_the_median_to_the_nearest() -> None:

@@ -5,7 +5,6 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 from mesh_motion_numerics.interpolation.factor_source import MakeEachTime
-from mesh_motion_numerics.interpolation.support_radius import with_reach
 from mesh_motion_numerics.mesh.boundary_facets import boundary_facets
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.mesh.roles import BoundaryRoles
@@ -35,8 +34,7 @@ def moved_by(grid: Grid, targets: Floats) -> tuple[StandardTrial, float]:
     The error is a share of the largest displacement.
     """
     cells, roles = CellTable.from_arrays(grid.cells), BoundaryRoles.from_patches(grid.patches)
-    method, reach = with_reach(Method(correction="none"), grid.points, roles, periodic=None)
-    motion = StandardMotion.build(grid.points, boundary_facets(cells), grid.patches, method, reach)
+    motion = StandardMotion.build(grid.points, boundary_facets(cells), grid.patches, Method(correction="none"))
     wanted = grid.points.copy()
     wanted[grid.body] = targets
     trial = motion.trial(grid.points, wanted[roles.moving], MakeEachTime(), Stopwatch())

@@ -8,7 +8,7 @@ from mesh_motion_numerics.interpolation.kernels import BASES
 from mesh_motion_numerics.interpolation.two_scale.boxes import nested_boxes
 from mesh_motion_numerics.interpolation.two_scale.grid_sums import grid_sums, on_grid, on_grid_transposed
 from mesh_motion_numerics.interpolation.two_scale.nested_grid import NestedGrid
-from mesh_motion_numerics.mesh.spacing import local_spacing
+from mesh_motion_numerics.mesh.neighbours import local_spacing
 from two_scale_boundaries import sphere, walls
 
 POINTS = np.vstack([sphere(120, 0.15), walls(5)])

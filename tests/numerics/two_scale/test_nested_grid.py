@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from mesh_motion_numerics.interpolation.two_scale.boxes import MARGIN, nested_boxes
 from mesh_motion_numerics.interpolation.two_scale.nested_grid import NestedGrid
-from mesh_motion_numerics.mesh.spacing import local_spacing
+from mesh_motion_numerics.mesh.neighbours import local_spacing
 from numpy.typing import NDArray
 from thread_counts import on_threads
 

@@ -18,8 +18,8 @@ from mesh_motion_numerics.interpolation.two_scale.factorization import (
     plans_for,
 )
 from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.mesh.neighbours import local_spacing
 from mesh_motion_numerics.mesh.roles import BoundaryRoles, Patch
-from mesh_motion_numerics.mesh.spacing import local_spacing
 from mesh_motion_numerics.method import Method
 from mesh_motion_numerics.motion.motion import MotionModel
 from numpy.typing import NDArray

@@ -4,9 +4,8 @@ from collections.abc import Callable
 
 import numpy as np
 from mesh_motion_numerics.arrays import Floats, Integers
-from mesh_motion_numerics.reduction.full_solve import full_operations, full_weights
-from mesh_motion_numerics.reduction.problem import Reduced, ReductionProblem
-from mesh_motion_numerics.reduction.progress import Progress, lengths
+from mesh_motion_numerics.reduction.growing_set import full_operations, full_weights
+from mesh_motion_numerics.reduction.problem import Progress, Reduced, ReductionProblem, lengths
 
 __all__ = ["full_solution", "greedily"]
 

@@ -14,8 +14,7 @@ grid needs no surface mesh.
 
 import numpy as np
 from mesh_motion_numerics.arrays import Floats, Integers, Marks
-from mesh_motion_numerics.reduction.problem import Reduced, ReductionProblem
-from mesh_motion_numerics.reduction.progress import lengths
+from mesh_motion_numerics.reduction.problem import Reduced, ReductionProblem, lengths
 
 from docs.studies.thesis._point_reduction.level_sum import LevelSum
 

@@ -3,9 +3,8 @@
 import numpy as np
 from mesh_motion_numerics.arrays import Integers
 from mesh_motion_numerics.interpolation.interpolant import Factorization, factorize
-from mesh_motion_numerics.reduction.full_solve import full_operations
-from mesh_motion_numerics.reduction.problem import Level, Reduced, ReductionProblem
-from mesh_motion_numerics.reduction.progress import Progress
+from mesh_motion_numerics.reduction.growing_set import full_operations
+from mesh_motion_numerics.reduction.problem import Level, Progress, Reduced, ReductionProblem
 from mesh_motion_protocol.errors import InvalidInput
 
 __all__ = ["LevelSum"]

@@ -21,8 +21,7 @@ thesis [44].
 import numpy as np
 from mesh_motion_numerics.arrays import Floats, Integers
 from mesh_motion_numerics.reduction.growing_set import LOST, singular
-from mesh_motion_numerics.reduction.problem import Reduced, ReductionProblem
-from mesh_motion_numerics.reduction.progress import lengths
+from mesh_motion_numerics.reduction.problem import Reduced, ReductionProblem, lengths
 from scipy.linalg import solve_triangular
 
 from docs.studies.thesis._point_reduction.level_sum import LevelSum

@@ -31,8 +31,7 @@ from itertools import pairwise
 import numpy as np
 from mesh_motion_numerics.arrays import Floats, Integers
 from mesh_motion_numerics.reduction.grouped_circular import default_groups, select
-from mesh_motion_numerics.reduction.problem import Reduced, ReductionProblem
-from mesh_motion_numerics.reduction.progress import Progress
+from mesh_motion_numerics.reduction.problem import Progress, Reduced, ReductionProblem
 
 from docs.studies.thesis._point_reduction.farthest_first import farthest_first
 from docs.studies.thesis._point_reduction.level_sum import LevelSum

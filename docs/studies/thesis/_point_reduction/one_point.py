@@ -20,9 +20,8 @@ from collections.abc import Callable
 
 import numpy as np
 from mesh_motion_numerics.interpolation.kernels import values
-from mesh_motion_numerics.reduction.full_solve import full_operations, full_weights
-from mesh_motion_numerics.reduction.problem import Level, Reduced, ReductionProblem
-from mesh_motion_numerics.reduction.progress import Progress, lengths
+from mesh_motion_numerics.reduction.growing_set import full_operations, full_weights
+from mesh_motion_numerics.reduction.problem import Level, Progress, Reduced, ReductionProblem, lengths
 
 __all__ = ["corrected_reduction", "reduce"]
 

@@ -26,8 +26,7 @@ import numpy as np
 from mesh_motion_numerics.arrays import Floats
 from mesh_motion_numerics.interpolation.kernels import values
 from mesh_motion_numerics.reduction.growing_set import LOST, singular
-from mesh_motion_numerics.reduction.problem import Reduced, ReductionProblem
-from mesh_motion_numerics.reduction.progress import Progress, lengths
+from mesh_motion_numerics.reduction.problem import Progress, Reduced, ReductionProblem, lengths
 from mesh_motion_protocol.errors import InvalidInput
 from scipy.linalg import solve_triangular
 

@@ -51,9 +51,9 @@ from mesh_motion_numerics.interpolation.two_scale.interpolant import TwoScaleInt
 from mesh_motion_numerics.interpolation.two_scale.nested_grid import NestedGrid
 from mesh_motion_numerics.interpolation.two_scale.smoothing import Smoothing
 from mesh_motion_numerics.mesh.coincidence import first_at_place
+from mesh_motion_numerics.mesh.neighbours import local_spacing
 from mesh_motion_numerics.mesh.points import padded
 from mesh_motion_numerics.mesh.roles import BoundaryRoles
-from mesh_motion_numerics.mesh.spacing import local_spacing
 from mesh_motion_numerics.method import Method
 
 __all__ = ["AUTOMATIC_FROM", "SEPARATION", "TwoScaleFactorization", "TwoScalePlan", "plan_for", "plans_for"]
