@@ -122,7 +122,7 @@ def _step(evidence: Evidence, mesh: str) -> tuple[float | None, str]:
 
 
 def _steps(evidence: Evidence, factor: float) -> Iterator[Row]:
-    """Aims for steady steps by size and shape, and for M4 against IDWarp and against one pass over the mesh."""
+    """Compare each mesh's steady step with its aim; that of M4 also with IDWarp and with one pass over the mesh."""
     for mesh, asked in _STEPS.items():
         figures, case = _library(evidence, mesh), CASES[f"{mesh}-steady"]
         seconds = of_threads(figures.step, evidence.results.threads) if figures else None

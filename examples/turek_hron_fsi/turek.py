@@ -37,7 +37,7 @@ class Case:
     density: float  #: the flag's
     young: float
     dt: float
-    end: float  #: some periods behind the growth of the oscillation
+    end: float  #: some periods after the oscillation has stopped growing
 
 
 CASES = {

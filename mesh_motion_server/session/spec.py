@@ -49,7 +49,7 @@ class SessionSpec:
 class StoredSpec:
     """The spec without its token, as ``spec.json`` has it: JSON with these attributes as keys.
 
-    ``owner`` and the attributes after it have no key while they have their defaults.
+    ``owner`` and the attributes after it are written only if they differ from their defaults.
     """
 
     session: str

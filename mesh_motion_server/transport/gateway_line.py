@@ -1,7 +1,7 @@
 """The supervisor's line to the gateway: it sends without waiting and restarts a gateway that has ended.
 
-Only the first start is waited for, before any client is served. Later starts are events like all others, so a gateway
-that hangs while it starts blocks nothing: it is killed after its time limit, and another one is started.
+The supervisor waits for the first start only, before it serves any client. Later starts are events like all others, so
+a gateway that hangs while it starts blocks nothing: it is killed after its time limit, and another one is started.
 """
 
 import selectors

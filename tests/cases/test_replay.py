@@ -318,7 +318,7 @@ def test_a_damaged_record_ends_the_replay_before_it_begins(folder: Path, tmp_pat
     shutil.copytree(folder, copy)
     (path,) = (copy / "history").glob("boundary-*.bin")
     log, data = BoundaryLog(copy), bytearray(path.read_bytes())
-    data[log._inputs[3] + 40] ^= 1  # behind its head
+    data[log._inputs[3] + 40] ^= 1  # after its head
     path.write_bytes(data)
     recorded = read_recorded(copy)
     assert recorded.log.steps == 3

@@ -147,24 +147,24 @@ def dying(target, method, count):
     return install
 
 
-#: Where a worker of the second step dies: before it sends that request, or behind its answer.
+#: Where a worker of the second step dies: before it sends that request, or after its answer.
 DEATHS = {
     "before MOVE": ("session:Session", "move", 1),
-    "behind MOVED": ("own_cells:OwnCells", "take_trial", 1),
+    "after MOVED": ("own_cells:OwnCells", "take_trial", 1),
     "before CORRECT": ("own_cells:OwnCells", "_correct", 1),
-    "behind CORRECTED": ("volume:Volume", "correct", 1),
+    "after CORRECTED": ("volume:Volume", "correct", 1),
     "before the second JUDGE": ("own_cells:OwnCells", "_judged", 2),
-    "behind the last JUDGED": ("dask_worker:Answer", "__init__", 1),
+    "after the last JUDGED": ("dask_worker:Answer", "__init__", 1),
     "before COMMIT": ("session:Session", "commit", 1),
-    "behind COMMITTED": ("own_cells:OwnCells", "keep", 1),
+    "after COMMITTED": ("own_cells:OwnCells", "keep", 1),
     "before FETCH": ("session:Session", "points", 1),
-    "behind FETCHED": ("own_cells:OwnCells", "coordinates", 1),
+    "after FETCHED": ("own_cells:OwnCells", "coordinates", 1),
 }
 
 
-#: Those that are tried each time, on a worker with two partitions: in the move, before the commit, behind it; and by
+#: Those that are tried each time, on a worker with two partitions: in the move, before the commit, after it; and by
 #: night on one with a single partition.
-OFTEN = ("behind MOVED", "before COMMIT", "behind COMMITTED", "behind FETCHED")
+OFTEN = ("after MOVED", "before COMMIT", "after COMMITTED", "after FETCHED")
 
 
 @pytest.mark.parametrize(

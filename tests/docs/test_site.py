@@ -33,7 +33,7 @@ def test_every_setting_and_name_is_in_the_reference() -> None:
     assert [name for name in mesh_motion_client.__all__ if not re.search(rf"^###? {name}$", client, re.M)] == []
     assert "frame: Frame = 'reference'" in client
     for line in PARTS["server-settings"]().splitlines()[2:]:
-        assert line.split(" | ")[-1].strip(" |"), f"a comment behind the setting says what it is: {line}"
+        assert line.split(" | ")[-1].strip(" |"), f"a comment after the setting says what it is: {line}"
 
 
 def test_every_command_and_call_is_in_the_reference() -> None:

@@ -21,14 +21,7 @@ from mesh_motion_client.session import Session
 from mesh_motion_protocol.codec import encode
 from mesh_motion_protocol.messages import List, Probe, Probed
 
-from tests.faults.attacks import (
-    ended,
-    endless_message,
-    forged_user,
-    half_open,
-    oversized_hello,
-    storm,
-)
+from tests.faults.attacks import ended, endless_message, forged_user, half_open, oversized_hello, storm
 from tests.faults.check import Budget, Check, Result, require
 from tests.faults.client_mesh import client_mesh
 from tests.faults.processes import Usage, descendants, usage_of

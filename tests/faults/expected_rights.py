@@ -31,11 +31,7 @@ _OWNER = {
 _MONITOR = dict.fromkeys(("LIST", "PROBE", "STATUS"), "oversee")
 #: "what a monitor may, and CLOSE any session"
 _ADMIN = _MONITOR | {"CLOSE": "oversee"}
-_BY_ROLE = {
-    "owner": _OWNER,
-    "monitor": {True: _MONITOR, False: _MONITOR},
-    "admin": {True: _ADMIN, False: _ADMIN},
-}
+_BY_ROLE = {"owner": _OWNER, "monitor": {True: _MONITOR, False: _MONITOR}, "admin": {True: _ADMIN, False: _ADMIN}}
 _BEST_FIRST = ("use", "oversee", "PERMISSION_DENIED", "NOT_FOUND")
 
 #: "A key may have several roles": then each request has the best of their answers.

@@ -4,7 +4,7 @@ accepted.
 A bad case changes a good session's requests in one place. What is judged:
 
 - the refused request, and no other, is answered by ERROR with the case's code, ``retryable`` and the state before; the
-  message and the details name the first offender, the hint the way out; no library warned behind it;
+  message and the details name the first offender, the hint the way out; no library gave a warning as well;
 - the session is as before: a good request gives, bitwise, what it gives in a session that never saw the bad one, and
   so does the digest of the committed state. After a bad mesh, which cannot be removed, the same BUILD is refused with
   the same text, and CLOSE is answered.

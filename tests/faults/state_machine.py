@@ -36,7 +36,7 @@ Visited = set[tuple[str, str]]
 CELLS = frozenset((state, operation) for state in ADMITTED for operation in OPERATIONS)
 #: ``stored_replies`` of the servers: so few that sequences reach beyond them.
 KEPT = 4
-#: Of durability. What "relaxed" writes behind its replies is waited for after each, unless the disk stalls.
+#: Of durability. What "relaxed" writes after its replies is waited for after each, unless the disk stalls.
 LEVELS = ("full", "replay", "relaxed")
 #: Actions of a sequence.
 _LENGTH = 60

@@ -23,13 +23,7 @@ from mesh_motion_numerics.interpolation.two_scale.interpolant import AnyInterpol
 from mesh_motion_numerics.interpolation.two_scale.nested_grid import NestedSpline
 from mesh_motion_numerics.mesh.boundary_facets import boundary_facets
 from mesh_motion_numerics.mesh.cells import CELL_TYPES, CellTable
-from mesh_motion_numerics.quality.metrics import (
-    METRIC_CODES,
-    QUALITY_METRICS,
-    cell_quality,
-    cells_at_rest,
-    judged,
-)
+from mesh_motion_numerics.quality.metrics import METRIC_CODES, QUALITY_METRICS, cell_quality, cells_at_rest, judged
 from numpy.typing import NDArray
 from programs import need, run
 

@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 from benchmarks.peers.openfoam.foam_files import write_polymesh
 from benchmarks.peers.openfoam.polymesh import PolyMesh
 
-FLOOR = 1e-5  # degrees: cosines near 1 give an angle to the root of the rounding
+FLOOR = 1e-5  # degrees: near 1 a cosine gives its angle only to the square root of the rounding error
 
 
 def measured(points: np.ndarray, cells: CellTable) -> FaceMeasures:

@@ -80,12 +80,6 @@ def test_a_node_index_beyond_32_bits(mesh, index):
     assert error.details == {"type": "triangle", "row": 3, "index": index}
 
 
-def test_a_node_twice_in_a_cell(mesh):
-    mesh.cells["quad"] = np.array([[0, 1, 6, 0]])
-    error = refused(mesh, r"cell 32 \(quad\) names a node twice: \[0, 1, 6, 0\]")
-    assert error.details["cell"] == 32
-
-
 def test_an_inverted_cell_is_named_with_its_determinant(mesh):
     mesh.points[6] = [-0.25, 0.25]
     error = refused(
@@ -105,17 +99,6 @@ def test_a_cell_type_in_another_node_order_is_reported_as_such(mesh):
     mesh.points = np.vstack([mesh.points, [[1.25, 0], [1.25, 0.25], [1.25, 0.5]]])
     mesh.cells["quad"] = np.array([[4, 9, 25, 26], [9, 14, 26, 27]])
     assert "type 'quad'" in refused(mesh, r"cell 32 \(quad").hint
-
-
-def test_a_flat_cell(mesh):
-    mesh.points = np.vstack([mesh.points, [[0.125, -1e-14]]])
-    mesh.cells["triangle"] = np.vstack([mesh.cells["triangle"], [[0, 25, 1]]])
-    refused(mesh, r"cell 32 .*is flat")
-
-
-def test_an_overlapping_cell(mesh):
-    mesh.cells["triangle"] = np.vstack([mesh.cells["triangle"], mesh.cells["triangle"][9]])
-    refused(mesh, r"belongs to 3 cells")
 
 
 @pytest.mark.parametrize("distance", [0.0, 1e-14])
@@ -149,13 +132,6 @@ def test_boundary_nodes_at_the_same_place_are_noticed(mesh, distance):
 def test_unusable_patches(mesh, patch, message, details):
     mesh.patches["new"] = patch
     assert refused(mesh, message).details == {"patch": "new", **details}
-
-
-def test_nothing_moves(mesh):
-    mesh.patches["left"] = Patch("fixed", mesh.patches["left"].nodes)
-    refused(mesh, r"no patch has the role 'moving' \(patches: 'left', 'others'\)")
-    mesh.patches = {}
-    refused(mesh, r"\(patches: none\)")
 
 
 def test_orphan_nodes_are_noticed(mesh):

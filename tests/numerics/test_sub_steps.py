@@ -213,23 +213,21 @@ def test_a_motion_that_sub_steps_do_not_reach_is_refused_with_the_fraction() -> 
     assert refusal.value.best <= 0.0
 
 
-def test_a_body_beyond_the_wall_is_refused_at_once() -> None:
+@pytest.mark.parametrize(
+    ("motion", "fault", "fraction"),
+    [
+        ((0.0, 0.7), "the boundary would leave its side of another part near", (0.5, 0.4 / 0.7)),  # beyond the wall
+        ((20.0, 0.44), r"no valid mesh exists: the boundary would cross itself near \(1\.", (0.6, 1.0)),  # in the wall
+    ],
+)
+def test_a_boundary_that_no_mesh_follows_is_refused_at_once(
+    motion: tuple[float, float], fault: str, fraction: tuple[float, float]
+) -> None:
     model = box_model()
-    with pytest.raises(QualityRefused, match="the boundary would leave its side of another part near") as refusal:
-        model.move(model.points, turned(model, 0.0, 0.7))
+    with pytest.raises(QualityRefused, match=fault) as refusal:
+        model.move(model.points, turned(model, *motion))
     assert "sub-steps" not in refusal.value.message
-    assert 0.5 < refusal.value.fraction < 0.4 / 0.7
-    assert refusal.value.cells
-
-
-def test_a_body_in_the_wall_is_refused_with_the_place() -> None:
-    model = box_model()
-    with pytest.raises(
-        QualityRefused, match=r"no valid mesh exists: the boundary would cross itself near \(1\."
-    ) as refusal:
-        model.move(model.points, turned(model, 20.0, 0.44))
-    assert "sub-steps" not in refusal.value.message
-    assert 0.6 < refusal.value.fraction < 1.0
+    assert fraction[0] < refusal.value.fraction < fraction[1]
     assert refusal.value.cells
 
 

@@ -130,25 +130,17 @@ def test_sigterm_lets_the_request_finish_and_closes_the_journal(start, connect, 
     assert not server.ready_file.exists()
 
 
-def test_a_drain_is_bounded(start, open_session):
-    server = start(drain_seconds=0.5)
+@pytest.mark.parametrize("ended_by", ["its limit", "a second signal"])
+def test_a_drain_is_bounded(start, open_session, ended_by):
+    server = start(**({"drain_seconds": 0.5} if ended_by == "its limit" else {}))
     opened, data, at = open_session(server, label="slow")
     data.send(Move, **at, step=1, frame="reference", displacement=ONES)
     wait_until((server.state / f"moving-{opened.session}").exists, "the move runs")
     server.process.send_signal(signal.SIGTERM)
+    if ended_by == "a second signal":
+        wait_until(lambda: server.events("draining"), "draining")
+        server.process.send_signal(signal.SIGTERM)
     assert server.process.wait(PATIENCE) == 0  # the move itself waits for ever
-    assert server.events("killed")
-
-
-def test_a_second_signal_does_not_wait(start, open_session):
-    server = start()
-    opened, data, at = open_session(server, label="slow")
-    data.send(Move, **at, step=1, frame="reference", displacement=ONES)
-    wait_until((server.state / f"moving-{opened.session}").exists, "the move runs")
-    server.process.send_signal(signal.SIGTERM)
-    wait_until(lambda: server.events("draining"), "draining")
-    server.process.send_signal(signal.SIGTERM)
-    assert server.process.wait(PATIENCE) == 0
     assert server.events("killed")
 
 

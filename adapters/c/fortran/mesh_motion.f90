@@ -616,7 +616,7 @@ contains
       text = json_of(c_welcome(self%handle), path)
    end function
 
-   ! List the sessions behind an id (absent: from the first on), as many as one reply can hold; while listed("more") is
+   ! List the sessions after an id (absent: from the first on), as many as one reply can hold; while listed("more") is
    ! 1, there are others.
    subroutine server_list(self, after)
       class(mm_server), intent(in) :: self

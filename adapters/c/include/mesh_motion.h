@@ -87,8 +87,8 @@ MM_API mm_result mm_connect(mm_context *context, const char *endpoint);
 MM_API mm_result mm_ping(mm_context *context);
 /* WELCOME: version.0, server, limits.max_sessions, durability.0 … */
 MM_API const mm_report *mm_welcome(const mm_context *context);
-/* The server's sessions that this key may see, in the order of their ids: those behind after (NULL: from the first on),
- * as many as one reply can hold. While more is 1, mm_list(context, the last id) has the next ones.
+/* The server's sessions that this key may see, in the order of their ids: those after the id `after` (NULL: from the
+ * first on), as many as one reply can hold. While more is 1, mm_list(context, the last id) has the next ones.
  */
 MM_API mm_result mm_list(mm_context *context, const char *after);
 /* LISTED: sessions.0.session, .label, .state, .step, .partitions, .worker; more */
@@ -133,7 +133,7 @@ MM_API mm_result mm_set_text(mm_session *session, const char *key, const char *v
 /* Shown in logs and lists. */
 MM_API mm_result mm_set_label(mm_session *session, const char *label);
 /* What mm_commit waits for: "full", "replay" or "relaxed" (SPEC.md, section 21), of those that WELCOME names. With
- * "relaxed" steps behind mm_durable_step may be lost; the next call then says ABORTED.STEPS_LOST. */
+ * "relaxed" steps after mm_durable_step may be lost; the next call then says ABORTED.STEPS_LOST. */
 MM_API mm_result mm_set_durability(mm_session *session, const char *durability);
 /* The number of this partition, and the number of partitions (default 0 and 1). A partition is a rank of a parallel
  * driver. */

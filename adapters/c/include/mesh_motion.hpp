@@ -140,7 +140,7 @@ public:
     }
     void ping() { check(mm_ping(context_.get())); }
     Report welcome() const { return Report(mm_welcome(context_.get())); }
-    /// Sessions behind an id, as in mm_listed, until the next call.
+    /// Sessions after an id, as in mm_listed, until the next call.
     Report list(const std::string &after = "")
     {
         check(mm_list(context_.get(), after.c_str()));

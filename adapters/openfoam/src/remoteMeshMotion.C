@@ -325,7 +325,7 @@ bool Foam::remoteMeshMotion::resume()
     pointField reference(first);
     remoteMesh_.toPoints(rows, reference);
     offset_ = reference - first;
-    Info<< "remoteMeshMotion: the session goes on behind step "
+    Info<< "remoteMeshMotion: the session goes on after step "
         << session_->step() << endl;
     return true;
 }

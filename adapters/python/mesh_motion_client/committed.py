@@ -20,7 +20,7 @@ class Committed(Described, messages.Committed):
     ----------
     step : int
     durable_step : int
-        No crash and no power loss takes the session back behind it.
+        No crash and no power loss takes the session back to an earlier step.
     digest : bytes
         Digest of the committed state.
     quality : QualitySummary

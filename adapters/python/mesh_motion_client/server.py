@@ -110,7 +110,7 @@ class Server(Described):
             Shown in logs and lists.
         durability : {"full", "replay", "relaxed", ""}, optional
             The condition that a commit waits for. "": the server's default; None: the value given to :func:`connect`.
-            "full" and "replay" lose nothing that was committed; "relaxed" may lose the steps behind
+            "full" and "replay" lose nothing that was committed; "relaxed" may lose the steps after
             ``session.durable_step``, and says so by :class:`~.errors.StepsLost`.
         evaluation : {"server", "client"}
             Who moves and judges the nodes of the volume. "client": only the boundary is uploaded, and this process

@@ -5,7 +5,7 @@ It needs numpy and msgpack and nothing else.
 
 Modules, from the declarations to the frames: :mod:`.messages` says what exists (with :mod:`.control_messages`,
 :mod:`.data_messages`, :mod:`.field_types`, :mod:`.declarations`), :mod:`.schema` reads that into tables, :mod:`.header`
-packs frame 0, :mod:`.arrays` the frames behind it, :mod:`.codec` puts both together. :mod:`.limits`, :mod:`.errors` and
+packs frame 0, :mod:`.arrays` the frames after it, :mod:`.codec` puts both together. :mod:`.limits`, :mod:`.errors` and
 :mod:`.digests` are the rest that both ends must agree on.
 """
 

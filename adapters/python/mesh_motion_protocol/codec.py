@@ -1,7 +1,7 @@
 """Messages to frames and back.
 
 Frame 0 is a msgpack map with exactly six keys: ``v``, ``type``, ``client``, ``sequence``, ``fields``, ``arrays``. The
-frames behind it are the arrays' bytes, in the order of ``arrays``. All checks here follow from the declarations in
+frames after it are the arrays' bytes, in the order of ``arrays``. All checks here follow from the declarations in
 :mod:`.messages`; the server itself checks whether a request makes sense for a session.
 """
 

@@ -101,7 +101,7 @@ class List(Message):
     """Asks for the sessions this server holds (only those the asker may see)."""
 
     type: ClassVar[str] = "LIST"
-    after: SessionId = ""  # sessions come in the order of their ids; only those behind this one
+    after: SessionId = ""  # sessions come in the order of their ids; only those after this one
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

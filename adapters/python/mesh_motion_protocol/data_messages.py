@@ -333,7 +333,7 @@ class Committed(Message):
 
     type: ClassVar[str] = "COMMITTED"
     step: int  # as asked
-    durable_step: int  # no power loss goes back behind it; ``step``, or with durability "relaxed" at most that
+    durable_step: int  # no power loss goes back to an earlier step; ``step``, or with durability "relaxed" at most that
     digest: Digest  # of the committed state: section 16
     quality: dict[str, Any]  # summary of the committed mesh, from its coordinates: section 15
 
@@ -394,7 +394,7 @@ class StatusReport(Message):
     iteration: int  # moves of the open trial, 0 = none
     waiting_for: list[int]  # partitions that a collective request is still waiting for
     report: dict[str, Any]  # counters, memory, quality of the last commit
-    durable_step: int = 0  # no power loss goes back behind it
+    durable_step: int = 0  # no power loss goes back to an earlier step
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

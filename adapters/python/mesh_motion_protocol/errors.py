@@ -14,7 +14,7 @@
     ├── Unsupported            the server does not offer this, or speaks another version
     └── ServerFault            a defect of the server
 
-A code is one of gRPC's canonical names, with a detail behind a dot where programs may want to distinguish cases. A
+A code is one of gRPC's canonical names, with a detail after a dot where programs may want to distinguish cases. A
 program that does not know a detail treats the code as its canonical name.
 """
 

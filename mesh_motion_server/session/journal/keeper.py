@@ -24,7 +24,7 @@ class Keeper(ABC):
 
     @property
     def durable_step(self) -> int:
-        """A power loss never takes the session back behind this step.
+        """A power loss never takes the session back to a step before this one.
 
         The ledger is replaced as a whole after its content is synced, so any thread may read it.
         """

@@ -70,7 +70,7 @@ class RelaxedKeeper(Keeper):
         return self.durable_step
 
     def prepare(self, state: Floats) -> None:
-        """See :class:`Keeper`: commits are stored behind their answers."""
+        """See :class:`Keeper`: commits are stored after their answers."""
 
     def commit(self, entry: Commit, state: Floats, boundary: Callable[[], BoundaryInput]) -> None:
         del boundary

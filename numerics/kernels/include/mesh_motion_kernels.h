@@ -263,8 +263,9 @@ typedef struct {
     double least_skew, least_size;  /* of all other cells, relative to rest; 1 if there are none */
 } mesh_motion_region;
 
-/* Cells of the tally whose metric, with nodes at points (n, d), is less than `below`, or that are inverted; and all
- * cells in the given number of rings around these cells and around further nodes (around). The metric is that of the
+/* The region has the bad cells of the tally: those that are inverted, or whose metric with nodes at points (n, d) is
+ * less than `below`. It also has all cells in the given number of rings around these cells and around the nodes
+ * (around). The metric is that of the
  * tally; "corner-shape-size" is possible if that is "relative-size-skew".
  */
 MESH_MOTION_API int mesh_motion_region_create(const mesh_motion_tally *tally, int64_t n, const double *points,

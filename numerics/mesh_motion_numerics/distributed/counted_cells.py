@@ -69,7 +69,7 @@ class CountedCells:
         return tuple(self._known[one] for one in questions)
 
     def _find_counts(self, name: str, ways: Sequence[Way]) -> None:
-        """Count the values in the parts of bins of the first division."""
+        """Divide these bins of the first division again, and count the values in each part."""
         bins = np.array([way[0][2] for way in ways], dtype=np.uint32)
         counts = kernels.counts_in_parts(self._places_of(name), bins, BINS)
         for way, own in zip(ways, counts, strict=True):

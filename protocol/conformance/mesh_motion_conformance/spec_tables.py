@@ -17,7 +17,7 @@ __all__ = ["TABLES", "read_spec", "rendered"]
 #: In the folder of this module, so that an installed suite needs no document.
 TABLES = Path(__file__).with_name("tables.json")
 
-#: Requests of a session behind JOIN.
+#: Requests of a session after JOIN.
 _ADDRESSED = (
     "UPLOAD", "BUILD", "MOVE", "TANGENT", "COTANGENT", "JUDGE", "CORRECT", "COMMIT", "ROLLBACK", "FETCH", "STATUS",
     "CLOSE",

@@ -9,6 +9,6 @@ program list
    call server%list()
    print '(a)', server%listed('sessions')
    call server%list('ffffffffffffffffffffffffffffffff')
-   if (server%listed('sessions') /= '[]' .or. server%failed()) error stop 'one behind the last'
+   if (server%listed('sessions') /= '[]' .or. server%failed()) error stop 'one after the last'
    call server%free()
 end program list

@@ -1,4 +1,4 @@
-"""A server that falls silent behind JOINED: ``python stopped_server.py`` prints its endpoint."""
+"""A server that falls silent after JOINED: ``python stopped_server.py`` prints its endpoint."""
 
 import os
 import signal

@@ -131,7 +131,7 @@ def test_a_restart_goes_on_as_if_it_had_not_been(make_case, kept, ranks):
         shutil.rmtree(credentials.parent)
     parts.set("system/controlDict", endTime="0.2")
     output = parts.run("moveDynamicMesh", ranks=ranks)
-    assert ("goes on behind step 2" in output) == kept
+    assert ("goes on after step 2" in output) == kept
     assert ("a new session" in output) != kept
     if ranks == 2:
         parts.check_ranks("0.2", whole.points("0.2"))

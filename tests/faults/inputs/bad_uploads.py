@@ -13,6 +13,7 @@ _FRAMES, _NONFINITE, _BYTES = "INVALID_ARGUMENT.FRAMES", "INVALID_ARGUMENT.NONFI
 _POINTS = np.zeros((3, 2))
 _TRIANGLE = np.array([[0, 1, 5]])
 _INDEX = np.array([[0]])
+_DTYPES = ("<u8", "<f2", ">f8", "|O", "O", "<c16", "<M8[s]", "|S2147483647", "V1000000000", "f8", "", "{'names': ['']}")
 
 
 def _part(item: str, name: str, role: str, rows: Rows | np.ndarray[Any, Any], /, **names: Any) -> Callable[..., Any]:
@@ -72,10 +73,7 @@ BAD_UPLOADS = (
     _row("cells with a role", _VALUE, _part("cells", "triangle", "fixed", _TRIANGLE, role="fixed"), "fixed"),
     _row("an unknown item", _VALUE, _part("edges", "", "", _INDEX, field="item"), "edges"),
     _row("an endless name", _VALUE, _part("patch", "p" * 257, "fixed", _INDEX, field="name"), "256"),
-    *(
-        _wire(f"dtype {dtype!r}", _DTYPE, Rows(_POINTS, dtype=dtype), "<f8", dtype)
-        for dtype in ("<u8", "<f2", ">f8", "|O", "<c16", "|S2147483647", "f8")
-    ),
+    *(_wire(f"dtype {dtype!r}", _DTYPE, Rows(_POINTS, dtype=dtype), "<f8", dtype) for dtype in _DTYPES),
     *(
         _wire(f"shape {shape}", _SHAPE, Rows(_POINTS, shape=shape))
         for shape in ([6], [3, 2, 1], [], [-3, -2], [3, True], [3.0, 2], [1 << 48, 0], ["3", 2])

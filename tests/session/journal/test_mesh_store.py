@@ -14,29 +14,17 @@ from tests.faults.stand_in import grid_mesh, split_mesh
 FILES = PosixFileSystem()
 
 
-@pytest.mark.parametrize("parts", [1, 3])
-def test_partitions_are_read_back_bitwise(tmp_path: Path, parts: int) -> None:
-    meshes = split_mesh(grid_mesh(5), parts) if parts > 1 else [grid_mesh(5)]
-    digest = write_mesh(tmp_path / "mesh.bin", FILES, meshes)
-    for sent, read in zip(meshes, read_mesh(tmp_path / "mesh.bin", FILES, digest), strict=True):
-        np.testing.assert_array_equal(sent.points, read.points)
-        np.testing.assert_array_equal(sent.global_ids, read.global_ids)
-        assert list(sent.cells) == list(read.cells)
-        np.testing.assert_array_equal(sent.cells["triangle"], read.cells["triangle"])
-        assert {n: p.role for n, p in sent.patches.items()} == {n: p.role for n, p in read.patches.items()}
-        for name, patch in sent.patches.items():
-            np.testing.assert_array_equal(patch.nodes, read.patches[name].nodes)
-
-
-def test_facets_are_read_back(tmp_path: Path) -> None:
+def test_facets_and_near_cells_are_read_back(tmp_path: Path) -> None:
     kept = {"triangle": np.empty((7, 0), dtype=np.int64)}
     facets = {"line": np.arange(12).reshape(-1, 2), "quad": np.arange(8).reshape(-1, 4)}
-    path, mesh = tmp_path / "mesh.bin", replace(grid_mesh(3), cells=kept, facets=facets)
+    near = {"triangle": np.arange(15).reshape(-1, 3), "quad": np.arange(4).reshape(-1, 4)}
+    path, mesh = tmp_path / "mesh.bin", replace(grid_mesh(3), cells=kept, facets=facets, near=near)
     (read,) = read_mesh(path, FILES, write_mesh(path, FILES, [mesh]))
     assert has_its_length(path, FILES)
-    assert list(read.facets) == list(facets)
-    for name, rows in facets.items():
-        np.testing.assert_array_equal(read.facets[name], rows)
+    for found, given in ((read.facets, facets), (read.near, near)):
+        assert list(found) == list(given)
+        for name, rows in given.items():
+            np.testing.assert_array_equal(found[name], rows)
     assert len(read.cells["triangle"]) == 7
 
 

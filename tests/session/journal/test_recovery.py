@@ -45,28 +45,6 @@ def judge(records: list[bytes], even: SlotView = BLANK, odd: SlotView = BLANK, t
     return examine(manifest, lambda foundation: (even, odd), keep=8)
 
 
-def test_a_clean_end() -> None:
-    packed = chain("commit", "epoch", "commit")
-    found = judge(packed, slot(packed[3]), slot(packed[1]))
-    assert (found.ledger.step, found.ledger.epoch, found.end) == (2, 2, 4 * PAGE)
-    assert (found.torn, found.completion, found.dirty_slots) == (False, (), ())
-
-
-@pytest.mark.parametrize("tail", [b"", b"torn", bytes(100) + b"torn"])
-def test_a_slot_that_was_written_and_a_record_that_was_not(tail: bytes) -> None:
-    packed = chain("commit", "commit")
-    found = judge(packed[:2], slot(packed[2]), slot(packed[1]), tail)
-    assert found.ledger.step == 2
-    assert [r.sequence for r in found.completion] == [2]
-    assert found.torn == bool(tail)
-
-
-def test_two_lost_records_are_completed_in_their_order() -> None:
-    packed = chain("commit", "commit")
-    found = judge(packed[:1], slot(packed[2]), slot(packed[1]))
-    assert [r.sequence for r in found.completion] == [1, 2]
-
-
 PACKED = chain("commit", "epoch", "commit")
 
 

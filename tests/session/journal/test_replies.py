@@ -44,7 +44,7 @@ def test_a_request_between_dropped_ones_is_stale_in_any_order_of_their_numbers()
         assert caught.value.details["oldest"] == 10
 
 
-def test_behind_the_largest_number_there_is_none() -> None:
+def test_no_number_follows_the_largest_one() -> None:
     """A fault that the handlers' fuzz found: the detail did not fit into 64 bits, so its reply fitted into no
     header.
     """

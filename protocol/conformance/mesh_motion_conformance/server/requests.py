@@ -48,7 +48,7 @@ class Request:
         }
 
     def body(self) -> list[bytes]:
-        """The frames behind frame 0."""
+        """The frames after frame 0."""
         return [frame for array in self.arrays.values() for frame in frames_of(array)]
 
     def frames(self, client: bytes, sequence: int, change: Callable[[Header], Any] | None = None) -> list[bytes]:

@@ -194,13 +194,13 @@ def LISTED_in_the_order_of_ids(stage: Stage) -> None:
     own = stage.session("READY").id
     require(ids == sorted(set(ids)) and own in ids, "each session once, in the order of ids", str(ids))
     behind, _ = _listed(stage, ids[0])
-    require(ids[0] not in behind and len(behind) < len(ids), f"the sessions behind {ids[0]}", str(behind))
+    require(ids[0] not in behind and len(behind) < len(ids), f"the sessions after {ids[0]}", str(behind))
     last, _ = _listed(stage, "g")
-    require(not last, "no sessions behind the last id", str(last))
+    require(not last, "no sessions after the last id", str(last))
 
 
 def _listed(stage: Stage, after: str) -> tuple[list[str], bool]:
-    """Ids of the sessions on LIST's page behind this one; whether there are more."""
+    """Ids of the sessions on LIST's page after this one; whether there are more."""
     page = answered(stage.ask(Request("LIST", {"after": after})), "LISTED").fields
     return [entry["session"] for entry in page["sessions"]], page.get("more", False)
 
