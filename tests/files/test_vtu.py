@@ -284,13 +284,13 @@ def test_cells_of_higher_order_are_read_by_their_corners(tmp_path: Path) -> None
     )
 
 
-def test_polygons_are_refused_with_the_way_in(tmp_path: Path) -> None:
+def test_short_polygons_are_triangles_and_quadrilaterals_and_strips_are_refused(tmp_path: Path) -> None:
     text = "# vtk DataFile Version 3.0\nx\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS 5 double\n"
-    text += "0 0 0 1 0 0 2 1 0\n1 2 0 0 1 0\nCELLS 1 6\n5 0 1 2 3 4\nCELL_TYPES 1\n7\n"
+    text += "0 0 0 1 0 0 2 1 0\n1 2 0 0 1 0\nCELLS 1 6\n5 0 1 2 3 4\nCELL_TYPES 1\n6\n"
     (tmp_path / "m.vtk").write_text(text)
-    with pytest.raises(InvalidInput, match=r"cells of VTK's type 7 \(polygons\) \(divide such cells"):
+    with pytest.raises(InvalidInput, match=r"cells of VTK's type 6 \(triangle strips\) \(divide such cells"):
         read_mesh(tmp_path / "m.vtk")
-    text = text.replace("CELLS 1 6\n5 0 1 2 3 4\nCELL_TYPES 1\n7", "CELLS 2 9\n4 0 1 3 4\n3 1 2 3\nCELL_TYPES 2\n7\n7")
+    text = text.replace("CELLS 1 6\n5 0 1 2 3 4\nCELL_TYPES 1\n6", "CELLS 2 9\n4 0 1 3 4\n3 1 2 3\nCELL_TYPES 2\n7\n7")
     (tmp_path / "m.vtk").write_text(text)
     cells = read_mesh(tmp_path / "m.vtk").cells
     assert {name: nodes.tolist() for name, nodes in cells.items()} == {"triangle": [[1, 2, 3]], "quad": [[0, 1, 3, 4]]}

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from mesh_motion_server.files.moved import Place
 from mesh_motion_server.files.text import text_of
-from mesh_motion_server.files.vtk.grid import VtkGrid, lattice, structured_cells
+from mesh_motion_server.files.vtk.grid import POLYHEDRON, CellFaces, VtkGrid, lattice, structured_cells
 
 __all__ = ["Legacy", "read_legacy"]
 
@@ -63,7 +63,9 @@ class Legacy:
             cells = nodes.shape[1] * np.arange(len(nodes) + 1), nodes.ravel()
         if cells is None:
             raise ValueError("it has no CELLS")
-        return VtkGrid(points, types, *cells, self.arrays["POINT_DATA"], self.arrays["CELL_DATA"])
+        rows = np.flatnonzero(types == POLYHEDRON)
+        faces = CellFaces.of_streams(cells[1], cells[0][:-1][rows], rows) if len(rows) else None
+        return VtkGrid(points, types, *cells, self.arrays["POINT_DATA"], self.arrays["CELL_DATA"], faces)
 
 
 def read_legacy(data: bytes) -> Legacy:
