@@ -222,6 +222,16 @@ def test_vtk_reads_the_same_cells_of_fluent(tmp_path: Path) -> None:
         ("m.neu", "        CONTROL INFO 2.4.6\n", "a Gambit mesh, which is not read"),
         ("m.txt", "# Created by COMSOL Multiphysics.\n", "a COMSOL mesh, which is not read"),
         ("m.xml", '<dolfin><mesh celltype="triangle" dim="2">', "a mesh of DOLFIN, which is not read"),
+        ("m.msh", "\3\0\0\0\2\0\0\0\3\0\0\0", r"a GiD mesh, which is not read \(.*\.mdpa"),
+        ("m.msh", 8 * "\0" + "\x10\0\0\0GID_MESHSET 1.2", "a GiD mesh, which is not read"),
+        ("m.msh", 'MESH "a" dimension 3 ElemType Tetrahedra Nnode 4\n', "a GiD mesh, which is not read"),
+        ("m.xda", "libMesh-0.7.0+\n10\n", r"a libMesh mesh, which is not read \(.* meshtool -i"),
+        ("m.xdr", "\0\0\0\rlibMesh-1.8.0", "a libMesh mesh, which is not read"),
+        ("m.dgf", "DGF\nVertex\n", r"a DUNE grid, which is not read \(Dune::GmshWriter"),
+        ("m.rad", "#RADIOSS STARTER\n/BEGIN\n", r"a Radioss deck, which is not read \(HyperMesh"),
+        ("m.mail", "TITRE\nx\nFINSF\nCOOR_3D\nN1 0 0 0\n", r"a mesh of code_aster, .*\(code_aster writes MED"),
+        ("m.xml", '<?xml version="1.0"?>\n<NEKTAR>', r"a Nektar\+\+ mesh, which is not read \(FieldConvert"),
+        ("m.feb", '<?xml version="1.0"?>\n<febio_spec version="4.0">', "an FEBio model, which is not read"),
         ("m.node", "4 3 0 0\n", r"a mesh of TetGen, which is not read \(tetgen -g"),
         ("m.in2d", "splinecurves2dv2\n", r"a geometry of Netgen, which is not read \(mesh it in Netgen"),
         ("m.grd", "Version = 210903\nCoordinate System = Cartesian 2D\n", r"an input of ElmerGrid, .*\(ElmerGrid 1 2"),
@@ -237,7 +247,7 @@ def test_vtk_reads_the_same_cells_of_fluent(tmp_path: Path) -> None:
             '<VTKFile type="ImageData"/>',
             r"a VTK file of type ImageData, .*\(convert it with ParaView's filter Append",
         ),
-        ("m.msh", "hello", r"neither a Gmsh .* nor a FreeFEM mesh: it begins with b'hello' .*export one of these"),
+        ("m.msh", "hello", r"neither a Gmsh .* nor a GiD mesh: it begins with b'hello' .*export one of these"),
     ],
 )
 def test_a_file_of_another_kind_is_named(tmp_path: Path, name: str, content: str, message: str) -> None:
@@ -1375,7 +1385,7 @@ def test_gmsh_reads_the_moved_medit_file(tmp_path: Path) -> None:
 _PLANE = (
     'MeshVersionFormatted 1 # of FreeFEM\nDimension 2\nIdentifier\n"Made by Triangles 4"\n'
     "Vertices 5\n0 0 1\n2 0 1\n0 2 1\n# middles\n1 1 0\n1 0 0\n"
-    "EdgesP2 1\n1 2 5 -4\nTriangles 1\n1 2 3 0\nEnd"
+    "EdgesP2 1\n1 2 5 -4\nhVertices\n.1 .1 .1 .1 .1\nTriangles 1\n1 2 3 0\nEnd"
 )
 
 
@@ -1387,7 +1397,7 @@ def test_medit_in_the_plane_with_comments_and_second_order(tmp_path: Path) -> No
     assert lists(mesh.patches) == {"-4": [0, 1, 4]}
     write_mesh(tmp_path / "moved.mesh", replace(mesh, points=mesh.points / 3))
     np.testing.assert_array_equal(read_mesh(tmp_path / "moved.mesh").points, mesh.points / 3)
-    head, tail = _PLANE.split("Vertices")
+    head, tail = _PLANE.split("Vertices", 1)
     after = (tmp_path / "moved.mesh").read_text()
     assert after.startswith(head)
     assert after.endswith(tail[tail.index("EdgesP2") :])

@@ -314,6 +314,14 @@ def test_a_keyword_in_the_line_of_the_values_before_it(tmp_path: Path) -> None:
     one_line(tmp_path / "m.vtk", "1 values are expected, but 4 are found")
 
 
+def test_the_labels_of_earlier_freefem(tmp_path: Path) -> None:
+    """It writes the type and the number of components without a blank between them."""
+    text = "# vtk DataFile Version 2.0\nx\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS 3 float\n0 0 0 1 0 0 0 1 0\n"
+    text += "CELLS 2 7\n3 0 1 2\n2 0 1\nCELL_TYPES 2\n5 3\nCELL_DATA 2\n"
+    (tmp_path / "m.vtk").write_text(text + "Scalars  Label int1\nLOOKUP_TABLE FreeFempp_table\n0\n4\n")
+    assert lists(read_mesh(tmp_path / "m.vtk").patches) == {"4": [0, 1]}
+
+
 def test_a_surface_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "surface.vtk"
     path.write_text("# vtk DataFile Version 3.0\nsurface\nASCII\nDATASET POLYDATA\nPOINTS 1 float\n0 0 0\n")

@@ -30,7 +30,8 @@ _ELEMENTS = {
     "PrismsP2": ("wedge", 18), "PyramidsP2": ("pyramid", 14),
 }  # fmt: skip
 _OF_OTHER_ORDER = re.compile(r"(Edges|Triangles|Quadrilaterals|Tetrahedra|Hexahedra|Prisms|Pyramids)[PQ]\d")
-_KEYWORD = re.compile(rb"(?:^|(?<=\s))[A-Z][A-Za-z0-9]*(?=\s|$)")
+#: BAMG writes sizes as hVertices.
+_KEYWORD = re.compile(rb"(?:^|(?<=\s))h?[A-Z][A-Za-z0-9]*(?=\s|$)")
 
 
 @dataclass(frozen=True, eq=False)

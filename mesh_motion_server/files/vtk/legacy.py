@@ -20,6 +20,7 @@ _TYPES = {
     "bit": "u1", "unsigned_char": "u1", "char": "i1", "unsigned_short": "u2", "short": "i2", "unsigned_int": "u4",
     "int": "i4", "unsigned_long": "u8", "long": "i8", "float": "f4", "double": "f8", "vtkidtype": "i4",
     "signed_char": "i1",
+    "int1": "i4",  # earlier FreeFEM: the type and the number of components without a blank
     **{f"vtktypeint{8 * size}": f"i{size}" for size in (1, 2, 4, 8)},
     **{f"vtktypeuint{8 * size}": f"u{size}" for size in (1, 2, 4, 8)},
     "vtktypefloat32": "f4", "vtktypefloat64": "f8",
