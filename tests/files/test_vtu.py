@@ -207,6 +207,33 @@ def test_lengths_that_medcoupling_does_not_write_and_arrays_of_faces(tmp_path: P
     np.testing.assert_array_equal(mesh.cells["triangle"], next(iter(table)).nodes)
 
 
+@pytest.mark.parametrize("word", [4, 8])
+@pytest.mark.parametrize("alone", [True, False], ids=["by itself", "with the values"])
+def test_the_length_of_values_in_base64_may_be_encoded_by_itself(tmp_path: Path, word: int, alone: bool) -> None:
+    """As DUNE and hpGEM do; VTK reads both."""
+
+    def array(name: str, values: Any, kind: str) -> str:
+        body = np.asarray(values, dtype=kind).tobytes()
+        parts = [len(body).to_bytes(word, "little"), body]
+        coded = "".join(base64.b64encode(part).decode() for part in (parts if alone else [b"".join(parts)]))
+        kinds = {"f8": "Float64", "i4": "Int32", "u1": "UInt8"}
+        head = f'<DataArray type="{kinds[kind]}" Name="{name}" NumberOfComponents="{3 if kind == "f8" else 1}"'
+        return f'{head} format="binary">{coded}</DataArray>'
+
+    cells = array("connectivity", [0, 1, 2], "i4") + array("offsets", [3], "i4") + array("types", [5], "u1")
+    points = array("Points", [[0, 0, 0], [1, 0, 0], [0, 1, 0]], "f8")
+    path = tmp_path / "m.vtu"
+    path.write_text(
+        f'<VTKFile type="UnstructuredGrid" byte_order="LittleEndian" header_type="UInt{8 * word}"><UnstructuredGrid>'
+        f'<Piece NumberOfPoints="3" NumberOfCells="1"><Points>{points}</Points><Cells>{cells}</Cells></Piece>'
+        "</UnstructuredGrid></VTKFile>"
+    )
+    assert vtk_read(path).GetNumberOfPoints() == 3
+    mesh = read_mesh(path)
+    assert mesh.points.tolist() == [[0, 0], [1, 0], [0, 1]]
+    assert lists(mesh.cells) == {"triangle": [[0, 1, 2]]}
+
+
 def test_appended_data_that_ends_too_soon_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "m.vtu"
     write_vtu(path, *fan(20, 39))
