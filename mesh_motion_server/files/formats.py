@@ -90,12 +90,6 @@ FORMATS: tuple[Format, ...] = (
     OPENFOAM,
     FOAM_FILE,
     NASTRAN,
-    _named(
-        "a binary Medit mesh",
-        (".meshb",),
-        rb"\A(\x01\0\0\0[\x01-\x04]\0\0\0|\0\0\0\x01\0\0\0[\x01-\x04])",
-        "its program writes text too, with the ending .mesh",
-    ),
     _named("an MFEM mesh of another kind", (".mesh", ".mfem"), rb"\AMFEM ", _BY_MFEM),
     _named(
         "a FreeFEM mesh",

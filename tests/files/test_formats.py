@@ -187,7 +187,6 @@ def test_vtk_reads_the_same_cells_of_fluent(tmp_path: Path) -> None:
     ("name", "content", "message"),
     [
         ("m.msh", "solid x\n facet normal 0 0 1\n", r"a surface \(STL\), which is not read \(it has no cells"),
-        ("m.meshb", "\1\0\0\0\2\0\0\0", r"a binary Medit mesh, which is not read \(its program writes text too"),
         (
             "m.mesh",
             "MFEM NURBS mesh v1.0\n",
@@ -1401,6 +1400,84 @@ def test_medit_in_the_plane_with_comments_and_second_order(tmp_path: Path) -> No
     after = (tmp_path / "moved.mesh").read_text()
     assert after.startswith(head)
     assert after.endswith(tail[tail.index("EdgesP2") :])
+
+
+def binary_medit(path: Path, order: str, version: int) -> bytes:
+    """The file of :func:`medit` as libMeshb writes it."""
+    medit(path)
+    words = path.read_text().split()
+    kinds = {"i": f"{order}i{8 if version > 3 else 4}", "r": f"{order}f{8 if version > 1 else 4}"}
+    position = f"{order}i{8 if version > 2 else 4}"
+    content = np.array([1, version], f"{order}i4").tobytes()
+
+    def section(code: int, body: bytes, last: bool = False) -> bytes:
+        after = 0 if last else len(content) + 4 + np.dtype(position).itemsize + len(body)
+        return np.array(code, f"{order}i4").tobytes() + np.array(after, position).tobytes() + body
+
+    content += section(3, np.array(3, f"{order}i4").tobytes())
+    for keyword, code, row in (
+        ("Vertices", 4, "rrri"),
+        ("Quadrilaterals", 7, 5 * "i"),
+        ("Corners", 13, "i"),
+        ("Hexahedra", 10, 9 * "i"),
+    ):
+        start = words.index(keyword) + 2
+        body = np.array(count := int(words[start - 1]), kinds["i"]).tobytes()
+        for place in range(start, start + count * len(row)):
+            body += np.array(float(words[place]), kinds[row[(place - start) % len(row)]]).tobytes()
+        content += section(code, body)
+    return content + section(54, b"", last=True)
+
+
+@pytest.mark.parametrize(("order", "version"), [("<", 1), ("<", 2), (">", 2), ("<", 3), ("<", 4), (">", 4)])
+def test_binary_medit_is_the_text_s_mesh_and_comes_back(tmp_path: Path, order: str, version: int) -> None:
+    content = binary_medit(tmp_path / "m.mesh", order, version)
+    (tmp_path / "m.meshb").write_bytes(content)
+    expected, mesh = read_mesh(tmp_path / "m.mesh"), read_mesh(tmp_path / "m.meshb")
+    np.testing.assert_allclose(mesh.points, expected.points, rtol=1e-6 if version == 1 else 0)
+    assert lists(mesh.cells) == lists(expected.cells)
+    assert lists(mesh.patches) == lists(expected.patches)
+    write_mesh(tmp_path / "moved.meshb", replace(mesh, points=mesh.points + 0.5))
+    rtol = 1e-6 if version == 1 else 0  # single precision
+    np.testing.assert_allclose(read_mesh(tmp_path / "moved.meshb").points, mesh.points + 0.5, rtol=rtol)
+    write_mesh(tmp_path / "back.meshb", mesh)
+    assert (tmp_path / "back.meshb").read_bytes() == content
+
+
+def test_binary_medit_of_meshio(tmp_path: Path) -> None:
+    meshio = pytest.importorskip("meshio")
+    faces, references = np.array([[0, 1, 3, 2], [4, 5, 7, 6]]), [np.array([7, 8]), np.array([0])]
+    cells = [("quad", faces), ("hexahedron", np.array([[0, 1, 3, 2, 4, 5, 7, 6]]))]
+    points = np.array([[x, y, z] for z in (0.0, 1.0) for y in (0.0, 1.0) for x in (0.0, 1.0)])
+    meshio.Mesh(points, cells, cell_data={"medit:ref": references}).write(tmp_path / "m.meshb")
+    mesh = read_mesh(tmp_path / "m.meshb")
+    np.testing.assert_array_equal(mesh.points, points)
+    assert lists(mesh.patches) == {"7": [0, 1, 2, 3], "8": [4, 5, 6, 7]}
+
+
+@pytest.mark.parametrize("length", [8, 9, 20, 24, 40, 700])
+def test_a_binary_medit_file_that_ends_too_soon_is_one_clear_line(tmp_path: Path, length: int) -> None:
+    content = binary_medit(tmp_path / "m.mesh", "<", 2)
+    (tmp_path / "m.meshb").write_bytes(content[:length])
+    one_line(tmp_path / "m.meshb", "malformed Medit mesh: (it ends after|keyword .* says that the next one is at)")
+
+
+def test_numbers_of_a_binary_medit_file_that_do_not_fit(tmp_path: Path) -> None:
+    content = binary_medit(tmp_path / "m.mesh", "<", 2)
+    path = tmp_path / "m.meshb"
+    count = content.index(np.array([len(POINTS)], "<i4").tobytes())
+    path.write_bytes(content[:count] + np.array([10**6], "<i4").tobytes() + content[count + 4 :])
+    one_line(path, "malformed Medit mesh: 1000000 Vertices go beyond the end of the file")
+    path.write_bytes(content[:16] + b"\4" + content[17:])
+    one_line(path, "malformed Medit mesh: Dimension 4, expected 2 or 3")
+    path.write_bytes(
+        content.replace(
+            np.array([4, count + 4], "<i4")[:1].tobytes() + content[count - 4 : count],
+            np.array([60], "<i4").tobytes() + content[count - 4 : count],
+            1,
+        )
+    )
+    one_line(path, "malformed Medit mesh: there is no Vertices")
 
 
 @pytest.mark.parametrize(
