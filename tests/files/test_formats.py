@@ -488,7 +488,7 @@ def test_med_and_exodus_files_that_do_not_fit(tmp_path: Path) -> None:
             "*PART, NAME=a\n*PART, NAME=b\n*NODE\n1, 0, 0, 0\n*MATERIAL",
             "node 1 appears twice, because each of 2 parts counts its own; Abaqus/CAE writes one list",
         ),
-        (abaqus, "*STEP", "*INCLUDE, INPUT=none.inp\n*STEP", "'none.inp', which is not there"),
+        (abaqus, "*STEP", "*INCLUDE, INPUT=none.inp\n*STEP", "'none.inp', which is not there: run the pre-"),
         (
             abaqus,
             "*SURFACE",
