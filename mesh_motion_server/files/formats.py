@@ -113,7 +113,7 @@ FORMATS: tuple[Format, ...] = (
     _named(
         "a GiD mesh",
         (".msh",),
-        rb"\A(\x03\0\0\0[\x01-\x40]\0\0\0|\0{8}.\0{3}GID_MESHSET|(?i:(#.*\n)*MESH\b.*\bElemType\b))",
+        rb"\A((?s:\x03\0{3}[\x01-\x40]\0{3}.{12}\x01\0{11})|\0{8}.\0{3}GID_MESHSET|(?i:(#.*\n)*MESH\b.*\bElemType\b))",
         "GiD's problem types for Kratos write .mdpa, which is read",
     ),
     _named(

@@ -221,7 +221,7 @@ def test_vtk_reads_the_same_cells_of_fluent(tmp_path: Path) -> None:
         ("m.neu", "        CONTROL INFO 2.4.6\n", "a Gambit mesh, which is not read"),
         ("m.txt", "# Created by COMSOL Multiphysics.\n", "a COMSOL mesh, which is not read"),
         ("m.xml", '<dolfin><mesh celltype="triangle" dim="2">', "a mesh of DOLFIN, which is not read"),
-        ("m.msh", "\3\0\0\0\2\0\0\0\3\0\0\0", r"a GiD mesh, which is not read \(.*\.mdpa"),
+        ("m.msh", "\3\0\0\0\2\0\0\0" + 12 * "\n" + "\1" + 11 * "\0", r"a GiD mesh, which is not read \(.*\.mdpa"),
         ("m.msh", 8 * "\0" + "\x10\0\0\0GID_MESHSET 1.2", "a GiD mesh, which is not read"),
         ("m.msh", 'MESH "a" dimension 3 ElemType Tetrahedra Nnode 4\n', "a GiD mesh, which is not read"),
         ("m.xda", "libMesh-0.7.0+\n10\n", r"a libMesh mesh, which is not read \(.* meshtool -i"),
