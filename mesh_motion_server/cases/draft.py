@@ -1,12 +1,12 @@
 """Draft a first case file: the mesh's patches, a guessed role for each, and a small motion.
 
 Roles are guesses. The file, or the name of a patch, can show that it is a side of a periodic pair, a symmetry plane
-or a far boundary; periodic sides without a partner are fixed, curved symmetry planes slip. A set of all nodes, inner ones
-too, is free. Otherwise a patch inside the mesh, which does not reach the sides of the box around all nodes, is a moving
-body, and all other patches are fixed; if there is none, the patch that reaches farthest inside moves, but none that
-ends at one of two periodic sides or has the name of a far boundary, if there is another. One layer of cells is treated
-as a 2D mesh. A body that is joined to a fixed patch bends; others are shifted, in the symmetry planes that they touch.
-The motion is tried, and halved until the mesh can follow it.
+or a far boundary; periodic sides without a partner are fixed, curved symmetry planes slip. A set of all nodes, inner
+ones too, is free. Otherwise a patch inside the mesh, which does not reach the sides of the box around all nodes, is a
+moving body, and all other patches are fixed; if there is none, the patch that reaches farthest inside moves, but none
+that ends at one of two periodic sides or has the name of a far boundary, if there is another. One layer of cells is
+treated as a 2D mesh. A body that is joined to a fixed patch bends; others are shifted, in the symmetry planes that
+they touch. The motion is tried, and halved until the mesh can follow it.
 """
 
 import math
