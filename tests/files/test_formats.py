@@ -36,7 +36,7 @@ from format_files import (
     xdmf_binary,
     xdmf_hdf5,
 )
-from mesh_files import lists, one_line, quiet_gmsh, replaced
+from mesh_files import lists, one_line, quiet_gmsh, refused_when_damaged, replaced
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.quality.metrics import cell_quality, reference_sizes
 from mesh_motion_numerics.quality.orientation import oriented
@@ -1460,6 +1460,12 @@ def test_a_binary_medit_file_that_ends_too_soon_is_one_clear_line(tmp_path: Path
     content = binary_medit(tmp_path / "m.mesh", "<", 2)
     (tmp_path / "m.meshb").write_bytes(content[:length])
     one_line(tmp_path / "m.meshb", "malformed Medit mesh: (it ends after|keyword .* says that the next one is at)")
+
+
+def test_damaged_bytes_of_binary_medit_never_more_than_one_line(tmp_path: Path) -> None:
+    path = tmp_path / "m.meshb"
+    path.write_bytes(binary_medit(tmp_path / "m.mesh", "<", 2))
+    assert refused_when_damaged(path, path, 200, np.random.default_rng(2026)) > 50
 
 
 def test_numbers_of_a_binary_medit_file_that_do_not_fit(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 import foam_cases as foam
 import numpy as np
 import pytest
-from mesh_files import lists, one_line, replaced, sizes
+from mesh_files import lists, one_line, refused_when_damaged, replaced, sizes
 
 from mesh_motion_server.files import MeshFile, read_mesh, write_mesh
 
@@ -215,3 +215,9 @@ def test_damaged_faces_are_one_clear_line(tmp_path: Path, old: str, new: str, me
 def test_a_face_of_three_cells_is_refused(tmp_path: Path) -> None:
     old_vtu(path := tmp_path / "m.vtu", others=((12, BOX), (12, BOX)))
     one_line(path, r"the cells 0, 1, 2 have one face together; two can have it")
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_damaged_bytes_never_more_than_one_line(tmp_path: Path, name: str) -> None:
+    FILES[name](path := tmp_path / name)
+    assert refused_when_damaged(path, path, 60, np.random.default_rng(2026)) > 5
