@@ -1,12 +1,12 @@
 """Draft a first case file: the mesh's patches, a guessed role for each, and a small motion.
 
 Roles are guesses. The file, or the name of a patch, can show that it is a side of a periodic pair, a symmetry plane
-or a far boundary; periodic sides without a partner are fixed, curved symmetry planes slip. Otherwise a patch inside
-the mesh, which does not reach the sides of the box around all nodes, is a moving body, and all other patches are
-fixed; if there is none, the patch that reaches farthest inside moves, but none that ends at one of two periodic
-sides or has the name of a far boundary, if there is another. One layer of cells is treated as a 2D mesh. A body that is
-joined to a fixed patch bends; others are shifted, in the symmetry planes that they touch. The motion is tried, and
-halved until the mesh can follow it.
+or a far boundary; periodic sides without a partner are fixed, curved symmetry planes slip. A set of all nodes, inner
+ones too, is free. Otherwise a patch inside the mesh, which does not reach the sides of the box around all nodes, is a
+moving body, and all other patches are fixed; if there is none, the patch that reaches farthest inside moves, but none
+that ends at one of two periodic sides or has the name of a far boundary, if there is another. One layer of cells is
+treated as a 2D mesh. A body that is joined to a fixed patch bends; others are shifted, in the symmetry planes that
+they touch. The motion is tried, and halved until the mesh can follow it.
 """
 
 import math
@@ -80,6 +80,12 @@ def _roles(
             hint="define groups of boundary facets in the mesh generator (Gmsh: physical groups; SU2: markers; "
             "VTK: arrays patch_<name>)",
         )
+    every = [name for name, nodes in mesh.patches.items() if len(np.unique(nodes)) == len(mesh.points)]
+    if every and layer is None and _has_inner_nodes(mesh, facets()):
+        others = {name: nodes for name, nodes in mesh.patches.items() if name not in every}
+        free = dict.fromkeys(every, ("free", "all nodes of the mesh, inner ones too"))
+        found = free | _roles(replace(mesh, patches=others), sides, layer, facets)
+        return {name: found[name] for name in mesh.patches}
     points = mesh.points if layer is None else layer.project(mesh.points)
     low, high = points.min(axis=0), points.max(axis=0)
     roles = {
@@ -103,6 +109,12 @@ def _roles(
 
         roles[max(fixed, key=fitness)] = ("moving", "no patch is inside the mesh, and one must move")
     return roles
+
+
+def _has_inner_nodes(mesh: MeshFile, facets: Mapping[str, Integers]) -> bool:
+    """Whether a cell has a node that is not on the boundary."""
+    nodes, outside = (np.concatenate([each.ravel() for each in of.values()]) for of in (mesh.cells, facets))
+    return len(np.setdiff1d(nodes, outside)) > 0
 
 
 def _impossible(mesh: MeshFile, roles: Mapping[str, tuple[str, str]], facets: _Facets) -> dict[str, tuple[str, str]]:

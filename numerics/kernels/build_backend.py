@@ -1,7 +1,7 @@
 """scikit-build-core for numerics and server, with a compiler from PyPI (``ziglang``, 100 MB) if there is no other.
 
-``pip install .`` in a checkout installs client and numerics from their folders, because their versions may not be
-released yet. A wheel, a source distribution and an editable installation require their releases.
+``pip install .`` in a checkout, or in an archive of it, installs client and numerics from their folders, because their
+versions may not be released yet. A wheel, a source distribution and an editable installation require their releases.
 """
 
 from __future__ import annotations
@@ -63,14 +63,16 @@ def _compiler() -> Iterator[None]:
 
 @contextmanager
 def _parts_from_checkout() -> Iterator[None]:
-    """Let own_releases.py require the folders of the parts when pip installs a checkout."""
+    """Let own_releases.py require the folders of the parts when pip installs a checkout or an archive of it."""
     root = Path(__file__).resolve().parents[2]
+    folders = {"mesh-motion-client": root / "adapters" / "python", "mesh-motion-numerics": root / "numerics"}
+    # an archive of the repository has no .git, a source distribution has PKG-INFO
+    whole = all(path.is_dir() for path in folders.values()) and not (root / "PKG-INFO").exists()
     # pip sets it for the hooks that it runs; build does not
     by_pip = "PIP_BUILD_TRACKER" in os.environ and "CIBUILDWHEEL" not in os.environ
-    if not ((root / ".git").exists() and by_pip):
+    if not (whole and by_pip):
         yield
         return
-    folders = {"mesh-motion-client": root / "adapters" / "python", "mesh-motion-numerics": root / "numerics"}
     os.environ["MESH_MOTION_PARTS"] = json.dumps({name: f" @ {path.as_uri()}" for name, path in folders.items()})
     try:
         yield

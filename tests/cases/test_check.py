@@ -195,13 +195,6 @@ def test_a_file_of_lines_is_recognised(tmp_path: Path) -> None:
         check(tmp_path / "bent.vtu")
 
 
-def test_polygons_have_their_own_way_out(tmp_path: Path) -> None:
-    points = np.array([[0.0, 0, 0], [1, 0, 0], [1.5, 1, 0], [0.5, 1.5, 0], [-0.5, 1, 0]])
-    meshio.write(tmp_path / "mesh.vtu", meshio.Mesh(points, [("polygon", np.arange(5)[None])]))
-    with pytest.raises(InvalidInput, match=r"cells of VTK's type 7 \(polygons\) \(divide such cells"):
-        check(tmp_path / "mesh.vtu")
-
-
 def test_a_far_field_is_suggested_its_basis_and_radius(tmp_path: Path) -> None:
     axis = np.arange(-13.0, 14.0)
     points = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)

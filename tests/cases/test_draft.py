@@ -79,6 +79,17 @@ def test_periodic_sides_without_an_image_are_fixed(tmp_path: Path) -> None:
     assert guessed_roles(mesh)["y0"][1] == "periodic by the file, but no other patch is its image"
 
 
+@pytest.mark.parametrize("rows", [1, 2])
+def test_a_set_of_all_nodes_is_free_if_one_is_inside(tmp_path: Path, rows: int) -> None:
+    """Cubit's node sets of a whole block; all nodes of one row of cells are on the boundary."""
+    points = np.array([(x, y) for y in range(rows + 1) for x in range(3)], float)
+    quads = np.array([[k, k + 1, k + 4, k + 3] for row in range(rows) for k in (3 * row, 3 * row + 1)])
+    patches = {"every": np.arange(len(points)), "low": np.arange(3)}
+    roles = guessed_roles(MeshFile(points, {"quad": quads}, patches, tmp_path / "m.npz"))
+    assert roles["every"][0] == ("free" if rows == 2 else "moving")
+    assert list(roles) == ["every", "low"]
+
+
 def test_words_that_only_look_periodic_are_not(tmp_path: Path) -> None:
     mesh = box_with_sides(tmp_path)
     names = {"y0": "upper_1", "y1": "paper2", "x0": "perforated", "x1": "temper"}

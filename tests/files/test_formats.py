@@ -36,7 +36,7 @@ from format_files import (
     xdmf_binary,
     xdmf_hdf5,
 )
-from mesh_files import lists, one_line, quiet_gmsh, replaced
+from mesh_files import lists, one_line, quiet_gmsh, refused_when_damaged, replaced
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.quality.metrics import cell_quality, reference_sizes
 from mesh_motion_numerics.quality.orientation import oriented
@@ -187,7 +187,6 @@ def test_vtk_reads_the_same_cells_of_fluent(tmp_path: Path) -> None:
     ("name", "content", "message"),
     [
         ("m.msh", "solid x\n facet normal 0 0 1\n", r"a surface \(STL\), which is not read \(it has no cells"),
-        ("m.meshb", "\1\0\0\0\2\0\0\0", r"a binary Medit mesh, which is not read \(its program writes text too"),
         (
             "m.mesh",
             "MFEM NURBS mesh v1.0\n",
@@ -222,6 +221,16 @@ def test_vtk_reads_the_same_cells_of_fluent(tmp_path: Path) -> None:
         ("m.neu", "        CONTROL INFO 2.4.6\n", "a Gambit mesh, which is not read"),
         ("m.txt", "# Created by COMSOL Multiphysics.\n", "a COMSOL mesh, which is not read"),
         ("m.xml", '<dolfin><mesh celltype="triangle" dim="2">', "a mesh of DOLFIN, which is not read"),
+        ("m.msh", "\3\0\0\0\2\0\0\0" + 12 * "\n" + "\1" + 11 * "\0", r"a GiD mesh, which is not read \(.*\.mdpa"),
+        ("m.msh", 8 * "\0" + "\x10\0\0\0GID_MESHSET 1.2", "a GiD mesh, which is not read"),
+        ("m.msh", 'MESH "a" dimension 3 ElemType Tetrahedra Nnode 4\n', "a GiD mesh, which is not read"),
+        ("m.xda", "libMesh-0.7.0+\n10\n", r"a libMesh mesh, which is not read \(.* meshtool -i"),
+        ("m.xdr", "\0\0\0\rlibMesh-1.8.0", "a libMesh mesh, which is not read"),
+        ("m.dgf", "DGF\nVertex\n", r"a DUNE grid, which is not read \(Dune::GmshWriter"),
+        ("m.rad", "#RADIOSS STARTER\n/BEGIN\n", r"a Radioss deck, which is not read \(HyperMesh"),
+        ("m.mail", "TITRE\nx\nFINSF\nCOOR_3D\nN1 0 0 0\n", r"a mesh of code_aster, .*\(code_aster writes MED"),
+        ("m.xml", '<?xml version="1.0"?>\n<NEKTAR>', r"a Nektar\+\+ mesh, which is not read \(FieldConvert"),
+        ("m.feb", '<?xml version="1.0"?>\n<febio_spec version="4.0">', "an FEBio model, which is not read"),
         ("m.node", "4 3 0 0\n", r"a mesh of TetGen, which is not read \(tetgen -g"),
         ("m.in2d", "splinecurves2dv2\n", r"a geometry of Netgen, which is not read \(mesh it in Netgen"),
         ("m.grd", "Version = 210903\nCoordinate System = Cartesian 2D\n", r"an input of ElmerGrid, .*\(ElmerGrid 1 2"),
@@ -237,7 +246,7 @@ def test_vtk_reads_the_same_cells_of_fluent(tmp_path: Path) -> None:
             '<VTKFile type="ImageData"/>',
             r"a VTK file of type ImageData, .*\(convert it with ParaView's filter Append",
         ),
-        ("m.msh", "hello", r"neither a Gmsh .* nor a FreeFEM mesh: it begins with b'hello' .*export one of these"),
+        ("m.msh", "hello", r"neither a Gmsh .* nor a GiD mesh: it begins with b'hello' .*export one of these"),
     ],
 )
 def test_a_file_of_another_kind_is_named(tmp_path: Path, name: str, content: str, message: str) -> None:
@@ -479,7 +488,7 @@ def test_med_and_exodus_files_that_do_not_fit(tmp_path: Path) -> None:
             "*PART, NAME=a\n*PART, NAME=b\n*NODE\n1, 0, 0, 0\n*MATERIAL",
             "node 1 appears twice, because each of 2 parts counts its own; Abaqus/CAE writes one list",
         ),
-        (abaqus, "*STEP", "*INCLUDE, INPUT=none.inp\n*STEP", "'none.inp', which is not there"),
+        (abaqus, "*STEP", "*INCLUDE, INPUT=none.inp\n*STEP", "'none.inp', which is not there: run the pre-"),
         (
             abaqus,
             "*SURFACE",
@@ -1375,7 +1384,7 @@ def test_gmsh_reads_the_moved_medit_file(tmp_path: Path) -> None:
 _PLANE = (
     'MeshVersionFormatted 1 # of FreeFEM\nDimension 2\nIdentifier\n"Made by Triangles 4"\n'
     "Vertices 5\n0 0 1\n2 0 1\n0 2 1\n# middles\n1 1 0\n1 0 0\n"
-    "EdgesP2 1\n1 2 5 -4\nTriangles 1\n1 2 3 0\nEnd"
+    "EdgesP2 1\n1 2 5 -4\nhVertices\n.1 .1 .1 .1 .1\nTriangles 1\n1 2 3 0\nEnd"
 )
 
 
@@ -1387,10 +1396,94 @@ def test_medit_in_the_plane_with_comments_and_second_order(tmp_path: Path) -> No
     assert lists(mesh.patches) == {"-4": [0, 1, 4]}
     write_mesh(tmp_path / "moved.mesh", replace(mesh, points=mesh.points / 3))
     np.testing.assert_array_equal(read_mesh(tmp_path / "moved.mesh").points, mesh.points / 3)
-    head, tail = _PLANE.split("Vertices")
+    head, tail = _PLANE.split("Vertices", 1)
     after = (tmp_path / "moved.mesh").read_text()
     assert after.startswith(head)
     assert after.endswith(tail[tail.index("EdgesP2") :])
+
+
+def binary_medit(path: Path, order: str, version: int) -> bytes:
+    """The file of :func:`medit` as libMeshb writes it."""
+    medit(path)
+    words = path.read_text().split()
+    kinds = {"i": f"{order}i{8 if version > 3 else 4}", "r": f"{order}f{8 if version > 1 else 4}"}
+    position = f"{order}i{8 if version > 2 else 4}"
+    content = np.array([1, version], f"{order}i4").tobytes()
+
+    def section(code: int, body: bytes, last: bool = False) -> bytes:
+        after = 0 if last else len(content) + 4 + np.dtype(position).itemsize + len(body)
+        return np.array(code, f"{order}i4").tobytes() + np.array(after, position).tobytes() + body
+
+    content += section(3, np.array(3, f"{order}i4").tobytes())
+    for keyword, code, row in (
+        ("Vertices", 4, "rrri"),
+        ("Quadrilaterals", 7, 5 * "i"),
+        ("Corners", 13, "i"),
+        ("Hexahedra", 10, 9 * "i"),
+    ):
+        start = words.index(keyword) + 2
+        body = np.array(count := int(words[start - 1]), kinds["i"]).tobytes()
+        for place in range(start, start + count * len(row)):
+            body += np.array(float(words[place]), kinds[row[(place - start) % len(row)]]).tobytes()
+        content += section(code, body)
+    return content + section(54, b"", last=True)
+
+
+@pytest.mark.parametrize(("order", "version"), [("<", 1), ("<", 2), (">", 2), ("<", 3), ("<", 4), (">", 4)])
+def test_binary_medit_is_the_text_s_mesh_and_comes_back(tmp_path: Path, order: str, version: int) -> None:
+    content = binary_medit(tmp_path / "m.mesh", order, version)
+    (tmp_path / "m.meshb").write_bytes(content)
+    expected, mesh = read_mesh(tmp_path / "m.mesh"), read_mesh(tmp_path / "m.meshb")
+    np.testing.assert_allclose(mesh.points, expected.points, rtol=1e-6 if version == 1 else 0)
+    assert lists(mesh.cells) == lists(expected.cells)
+    assert lists(mesh.patches) == lists(expected.patches)
+    write_mesh(tmp_path / "moved.meshb", replace(mesh, points=mesh.points + 0.5))
+    rtol = 1e-6 if version == 1 else 0  # single precision
+    np.testing.assert_allclose(read_mesh(tmp_path / "moved.meshb").points, mesh.points + 0.5, rtol=rtol)
+    write_mesh(tmp_path / "back.meshb", mesh)
+    assert (tmp_path / "back.meshb").read_bytes() == content
+
+
+def test_binary_medit_of_meshio(tmp_path: Path) -> None:
+    meshio = pytest.importorskip("meshio")
+    faces, references = np.array([[0, 1, 3, 2], [4, 5, 7, 6]]), [np.array([7, 8]), np.array([0])]
+    cells = [("quad", faces), ("hexahedron", np.array([[0, 1, 3, 2, 4, 5, 7, 6]]))]
+    points = np.array([[x, y, z] for z in (0.0, 1.0) for y in (0.0, 1.0) for x in (0.0, 1.0)])
+    meshio.Mesh(points, cells, cell_data={"medit:ref": references}).write(tmp_path / "m.meshb")
+    mesh = read_mesh(tmp_path / "m.meshb")
+    np.testing.assert_array_equal(mesh.points, points)
+    assert lists(mesh.patches) == {"7": [0, 1, 2, 3], "8": [4, 5, 6, 7]}
+
+
+@pytest.mark.parametrize("length", [8, 9, 20, 24, 40, 700])
+def test_a_binary_medit_file_that_ends_too_soon_is_one_clear_line(tmp_path: Path, length: int) -> None:
+    content = binary_medit(tmp_path / "m.mesh", "<", 2)
+    (tmp_path / "m.meshb").write_bytes(content[:length])
+    one_line(tmp_path / "m.meshb", "malformed Medit mesh: (it ends after|keyword .* says that the next one is at)")
+
+
+def test_damaged_bytes_of_binary_medit_never_more_than_one_line(tmp_path: Path) -> None:
+    path = tmp_path / "m.meshb"
+    path.write_bytes(binary_medit(tmp_path / "m.mesh", "<", 2))
+    assert refused_when_damaged(path, path, 200, np.random.default_rng(2026)) > 50
+
+
+def test_numbers_of_a_binary_medit_file_that_do_not_fit(tmp_path: Path) -> None:
+    content = binary_medit(tmp_path / "m.mesh", "<", 2)
+    path = tmp_path / "m.meshb"
+    count = content.index(np.array([len(POINTS)], "<i4").tobytes())
+    path.write_bytes(content[:count] + np.array([10**6], "<i4").tobytes() + content[count + 4 :])
+    one_line(path, "malformed Medit mesh: 1000000 Vertices go beyond the end of the file")
+    path.write_bytes(content[:16] + b"\4" + content[17:])
+    one_line(path, "malformed Medit mesh: Dimension 4, expected 2 or 3")
+    path.write_bytes(
+        content.replace(
+            np.array([4, count + 4], "<i4")[:1].tobytes() + content[count - 4 : count],
+            np.array([60], "<i4").tobytes() + content[count - 4 : count],
+            1,
+        )
+    )
+    one_line(path, "malformed Medit mesh: there is no Vertices")
 
 
 @pytest.mark.parametrize(

@@ -207,6 +207,33 @@ def test_lengths_that_medcoupling_does_not_write_and_arrays_of_faces(tmp_path: P
     np.testing.assert_array_equal(mesh.cells["triangle"], next(iter(table)).nodes)
 
 
+@pytest.mark.parametrize("word", [4, 8])
+@pytest.mark.parametrize("alone", [True, False], ids=["by itself", "with the values"])
+def test_the_length_of_values_in_base64_may_be_encoded_by_itself(tmp_path: Path, word: int, alone: bool) -> None:
+    """As DUNE and hpGEM do; VTK reads both."""
+
+    def array(name: str, values: Any, kind: str) -> str:
+        body = np.asarray(values, dtype=kind).tobytes()
+        parts = [len(body).to_bytes(word, "little"), body]
+        coded = "".join(base64.b64encode(part).decode() for part in (parts if alone else [b"".join(parts)]))
+        kinds = {"f8": "Float64", "i4": "Int32", "u1": "UInt8"}
+        head = f'<DataArray type="{kinds[kind]}" Name="{name}" NumberOfComponents="{3 if kind == "f8" else 1}"'
+        return f'{head} format="binary">{coded}</DataArray>'
+
+    cells = array("connectivity", [0, 1, 2], "i4") + array("offsets", [3], "i4") + array("types", [5], "u1")
+    points = array("Points", [[0, 0, 0], [1, 0, 0], [0, 1, 0]], "f8")
+    path = tmp_path / "m.vtu"
+    path.write_text(
+        f'<VTKFile type="UnstructuredGrid" byte_order="LittleEndian" header_type="UInt{8 * word}"><UnstructuredGrid>'
+        f'<Piece NumberOfPoints="3" NumberOfCells="1"><Points>{points}</Points><Cells>{cells}</Cells></Piece>'
+        "</UnstructuredGrid></VTKFile>"
+    )
+    assert vtk_read(path).GetNumberOfPoints() == 3
+    mesh = read_mesh(path)
+    assert mesh.points.tolist() == [[0, 0], [1, 0], [0, 1]]
+    assert lists(mesh.cells) == {"triangle": [[0, 1, 2]]}
+
+
 def test_appended_data_that_ends_too_soon_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "m.vtu"
     write_vtu(path, *fan(20, 39))
@@ -284,13 +311,13 @@ def test_cells_of_higher_order_are_read_by_their_corners(tmp_path: Path) -> None
     )
 
 
-def test_polygons_are_refused_with_the_way_in(tmp_path: Path) -> None:
+def test_short_polygons_are_triangles_and_quadrilaterals_and_strips_are_refused(tmp_path: Path) -> None:
     text = "# vtk DataFile Version 3.0\nx\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS 5 double\n"
-    text += "0 0 0 1 0 0 2 1 0\n1 2 0 0 1 0\nCELLS 1 6\n5 0 1 2 3 4\nCELL_TYPES 1\n7\n"
+    text += "0 0 0 1 0 0 2 1 0\n1 2 0 0 1 0\nCELLS 1 6\n5 0 1 2 3 4\nCELL_TYPES 1\n6\n"
     (tmp_path / "m.vtk").write_text(text)
-    with pytest.raises(InvalidInput, match=r"cells of VTK's type 7 \(polygons\) \(divide such cells"):
+    with pytest.raises(InvalidInput, match=r"cells of VTK's type 6 \(triangle strips\) \(divide such cells"):
         read_mesh(tmp_path / "m.vtk")
-    text = text.replace("CELLS 1 6\n5 0 1 2 3 4\nCELL_TYPES 1\n7", "CELLS 2 9\n4 0 1 3 4\n3 1 2 3\nCELL_TYPES 2\n7\n7")
+    text = text.replace("CELLS 1 6\n5 0 1 2 3 4\nCELL_TYPES 1\n6", "CELLS 2 9\n4 0 1 3 4\n3 1 2 3\nCELL_TYPES 2\n7\n7")
     (tmp_path / "m.vtk").write_text(text)
     cells = read_mesh(tmp_path / "m.vtk").cells
     assert {name: nodes.tolist() for name, nodes in cells.items()} == {"triangle": [[1, 2, 3]], "quad": [[0, 1, 3, 4]]}
@@ -312,6 +339,14 @@ def test_a_keyword_in_the_line_of_the_values_before_it(tmp_path: Path) -> None:
     assert lists(after.patches) == {"wall": [0, 1]}
     (tmp_path / "m.vtk").write_text(text.replace("9 POINT_DATA", "9 9 POINT_DATA"))
     one_line(tmp_path / "m.vtk", "1 values are expected, but 4 are found")
+
+
+def test_the_labels_of_earlier_freefem(tmp_path: Path) -> None:
+    """It writes the type and the number of components without a blank between them."""
+    text = "# vtk DataFile Version 2.0\nx\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS 3 float\n0 0 0 1 0 0 0 1 0\n"
+    text += "CELLS 2 7\n3 0 1 2\n2 0 1\nCELL_TYPES 2\n5 3\nCELL_DATA 2\n"
+    (tmp_path / "m.vtk").write_text(text + "Scalars  Label int1\nLOOKUP_TABLE FreeFempp_table\n0\n4\n")
+    assert lists(read_mesh(tmp_path / "m.vtk").patches) == {"4": [0, 1]}
 
 
 def test_a_surface_is_refused(tmp_path: Path) -> None:

@@ -1,6 +1,7 @@
 """The client's distribution: its content, and its page, README.md, which is correct without the server's package."""
 
 import os
+import shutil
 import subprocess
 import sys
 import tarfile
@@ -41,18 +42,26 @@ def test_it_requires_three_packages_and_has_the_project_s_licence(client_wheel: 
     assert metadata["Version"] == __version__
 
 
-@pytest.mark.parametrize("kind", ["wheel", "editable"])
-def test_a_checkout_installs_client_and_numerics_too(kind: str, tmp_path: Path) -> None:
-    if not (ROOT / ".git").exists():
-        pytest.skip("no checkout")
+@pytest.mark.parametrize(
+    ("kind", "tree"),
+    [("wheel", "a checkout"), ("editable", "a checkout"), ("wheel", "an archive"), ("wheel", "a source distribution")],
+)
+def test_pip_installs_the_parts_from_a_checkout_or_its_archive(kind: str, tree: str, tmp_path: Path) -> None:
+    root = ROOT if tree == "a checkout" else tmp_path / "tree"
+    for name in tracked() if root != ROOT else ():  # as `git archive` has them: without .git
+        (root / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(ROOT / name, root / name)
+    if tree == "a source distribution":
+        (root / "PKG-INFO").touch()
     hook = f"import build_backend; print(build_backend.prepare_metadata_for_build_{kind}({str(tmp_path)!r}))"
-    kernels = os.environ | {"PYTHONPATH": str(ROOT / "numerics" / "kernels"), "PIP_BUILD_TRACKER": str(tmp_path)}
+    kernels = os.environ | {"PYTHONPATH": str(root / "numerics" / "kernels"), "PIP_BUILD_TRACKER": str(tmp_path)}
     done = subprocess.run(
-        [sys.executable, "-c", hook], cwd=ROOT, env=kernels, check=True, capture_output=True, text=True
+        [sys.executable, "-c", hook], cwd=root, env=kernels, check=True, capture_output=True, text=True
     )
     metadata = Parser().parsestr((tmp_path / done.stdout.split()[-1] / "METADATA").read_text(encoding="utf-8"))
+    from_folders = kind == "wheel" and tree != "a source distribution"
     for part, folder in (("mesh-motion-client", FOLDER), ("mesh-motion-numerics", "numerics")):
-        where = f" @ {(ROOT / folder).as_uri()}" if kind == "wheel" else f"=={__version__}"
+        where = f" @ {(root / folder).as_uri()}" if from_folders else f"=={__version__}"
         assert f"{part}{where}" in metadata.get_all("Requires-Dist")
 
 

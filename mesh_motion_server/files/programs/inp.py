@@ -102,9 +102,8 @@ def _whole(path: Path, folder: Path, seen: set[Path]) -> str:
     """The text of a file, with the text of the files that it includes."""
     found = path.resolve()
     if not found.is_relative_to(folder) or not found.is_file() or found in seen:
-        reason = (
-            "included twice" if found in seen else "not there" if found.is_relative_to(folder) else "not in its folder"
-        )
+        missing = "not there: run the pre-processor that writes it (cgx, for example), or copy it there"
+        reason = "included twice" if found in seen else missing if found.is_relative_to(folder) else "not in its folder"
         raise ValueError(f"*INCLUDE of {path.name!r}, which is {reason}")
     seen.add(found)
     text = text_of(path.read_bytes())

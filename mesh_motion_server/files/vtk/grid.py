@@ -1,13 +1,15 @@
 """The content of a VTK file: points, cells of all types in one list, and named arrays on both."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from mesh_motion_numerics.arrays import Floats, Integers, Marks
 from numpy.typing import NDArray
 
-__all__ = ["KNOWN_TYPES", "VtkGrid", "lattice", "structured_cells"]
+__all__ = ["KNOWN_TYPES", "POLYGON", "POLYHEDRON", "CellFaces", "VtkGrid", "lattice", "structured_cells"]
 
 Arrays = dict[str, NDArray[np.generic]]
 
@@ -24,16 +26,89 @@ KNOWN_TYPES = _FIRST | _HIGHER
 _ALIGNED = {8: ("quad", [0, 1, 3, 2]), 11: ("hexahedron", [0, 1, 3, 2, 4, 5, 7, 6])}  # pixel, voxel
 _BOX = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)]
 _VERTICES = (0, 1, 2)  # no cell, a vertex, several vertices
-_POLYGON = 7
+POLYGON, POLYHEDRON = 7, 42
 _OTHERS = {
     4: "polylines",
     6: "triangle strips",
-    _POLYGON: "polygons",
-    15: "prisms of five sides",
-    16: "prisms of six sides",
+    POLYGON: "polygons",
     41: "polygons",
-    42: "polyhedra",
+    POLYHEDRON: "polyhedra",
 }
+
+
+def _ranges(first: Integers, sizes: Integers) -> Integers:
+    """The numbers from ``first`` on, ``sizes`` of them, one range after the other."""
+    return np.repeat(first - np.cumsum(sizes) + sizes, sizes) + np.arange(int(sizes.sum()))
+
+
+@dataclass(frozen=True, eq=False)
+class CellFaces:
+    """Faces of cells. A face of two cells is given twice."""
+
+    nodes: Integers  # (k,)
+    #: first, sizes: (f,) each. The place of each face's first node in ``nodes``, and the number of its nodes
+    first: Integers
+    sizes: Integers
+    cells: Integers  # (f,). The cell of each face
+
+    @classmethod
+    def of_cells(cls, nodes: Integers, offsets: Integers, rows: Integers) -> CellFaces:
+        """Cells that are faces themselves: their nodes begin at their offsets."""
+        return cls(nodes, offsets[rows], np.diff(offsets)[rows], rows).of_rows(np.arange(len(rows)))
+
+    @classmethod
+    def of_streams(cls, numbers: Integers, first: Integers, rows: Integers) -> CellFaces:
+        """Faces of the cells ``rows``, which begin at ``first``: the number of faces, for each its size and nodes.
+
+        Raises ValueError if a cell goes beyond the numbers.
+        """
+
+        def at(places: Integers) -> Integers:
+            if (places >= len(numbers)).any():
+                raise ValueError("the faces of a polyhedron go beyond their list")
+            found: Integers = numbers[places]
+            return found
+
+        left, place, parts = at(first), first + 1, [np.empty((3, 0), np.int64)]
+        while len(place := place[left > 0]):
+            rows, left, sizes = rows[left > 0], left[left > 0] - 1, at(place)
+            if (sizes < 3).any():
+                raise ValueError(f"cell {int(rows[np.argmin(sizes)])} has a face of {int(sizes.min())} nodes")
+            parts.append(np.stack([place + 1, sizes, rows]))
+            place = place + 1 + sizes
+        begin, sizes, cells = np.concatenate(parts, axis=1)
+        at(begin + sizes - 1)
+        return cls(numbers, begin, sizes, cells).of_rows(np.arange(len(sizes)))
+
+    @classmethod
+    def of_lists(cls, nodes: Integers, face_ends: Integers, faces: Integers, cell_ends: Integers) -> CellFaces:
+        """Faces in one list, the faces of all cells in a second one; where each face and each cell ends."""
+        first = np.concatenate([[0], face_ends])
+        sizes = np.diff(np.concatenate([[0], cell_ends]))
+        if sizes.min(initial=0) < 0 or len(faces) != sizes.sum() or (faces >= len(face_ends)).any():
+            raise ValueError("the faces of the polyhedra do not fit their list")
+        return cls(nodes, first[faces], np.diff(first)[faces], np.repeat(np.arange(len(sizes)), sizes))
+
+    @classmethod
+    def joined(cls, parts: Sequence[CellFaces]) -> CellFaces:
+        """The faces of all parts."""
+        starts = np.cumsum([0, *(len(part.nodes) for part in parts)])
+        first = [part.first + start for part, start in zip(parts, starts, strict=False)]
+        nodes, sizes, cells = ([getattr(part, name) for part in parts] for name in ("nodes", "sizes", "cells"))
+        return cls(*(np.concatenate(each) for each in (nodes, first, sizes, cells)))
+
+    def of_rows(self, rows: Integers) -> CellFaces:
+        """Some of the faces; their nodes follow each other."""
+        sizes = self.sizes[rows]
+        nodes = self.nodes[_ranges(self.first[rows], sizes)]
+        return CellFaces(nodes, np.cumsum(sizes) - sizes, sizes, self.cells[rows])
+
+    def edges(self) -> tuple[Integers, Integers]:
+        """(e, 2) the edges of all faces, in their direction, and (e,) the face of each."""
+        rows = np.repeat(np.arange(len(self.sizes)), self.sizes)
+        ahead = np.where(np.diff(rows, append=-1) != 0, 1 - self.sizes[rows], 1)
+        places = _ranges(self.first, self.sizes)
+        return np.column_stack([self.nodes[places], self.nodes[places + ahead]]), rows
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,6 +126,7 @@ class VtkGrid:
     #: point_arrays, cell_arrays: (n,) | (n, c), (m,) | (m, c)
     point_arrays: Arrays
     cell_arrays: Arrays
+    faces: CellFaces | None = None  # of the polyhedra
 
     def __post_init__(self) -> None:
         sizes = np.diff(self.offsets)
@@ -75,7 +151,7 @@ class VtkGrid:
         """
         found, types = [], self.types.copy()
         for size, code in ((3, 5), (4, 9)):  # polygons that are triangles or quadrilaterals
-            types[(types == _POLYGON) & (np.diff(self.offsets) == size)] = code
+            types[(types == POLYGON) & (np.diff(self.offsets) == size)] = code
         for code in np.unique(types).tolist():
             if code in _VERTICES:
                 continue
@@ -89,6 +165,20 @@ class VtkGrid:
             local = np.arange(_CORNERS[name]) if order is None else np.array(order)
             found.append((name, rows, self.connectivity[self.offsets[rows, None] + local]))
         return found
+
+    def of_rows(self, rows: Integers) -> VtkGrid:
+        """The grid with some of its cells."""
+        sizes = np.diff(self.offsets)[rows]
+        faces, number = self.faces, np.full(len(self.types), -1)
+        number[rows] = np.arange(len(rows))
+        if faces is not None:
+            faces = faces.of_rows(np.flatnonzero(number[faces.cells] >= 0))
+            faces = replace(faces, cells=number[faces.cells])
+        return VtkGrid(
+            self.points, self.types[rows], np.concatenate([[0], np.cumsum(sizes)]),
+            self.connectivity[_ranges(self.offsets[rows], sizes)], self.point_arrays,
+            {name: values[rows] for name, values in self.cell_arrays.items()}, faces,
+        )  # fmt: skip
 
     @property
     def is_higher(self) -> Marks:

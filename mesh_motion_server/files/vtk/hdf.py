@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from mesh_motion_server.files.hdf5 import array_of, opened_hdf5, whole_of
 from mesh_motion_server.files.moved import copied_hdf5
 from mesh_motion_server.files.text import text_of
-from mesh_motion_server.files.vtk.grid import VtkGrid
+from mesh_motion_server.files.vtk.grid import POLYHEDRON, CellFaces, VtkGrid
 
 __all__ = ["move_hdf", "read_hdf"]
 
@@ -50,7 +50,9 @@ def read_hdf(path: Path) -> list[VtkGrid]:
             for what, sizes in (("PointData", points), ("CellData", cells))
             for arrays in [_arrays(path, root.get(what, {}), sizes)]
         )
-        grids = zip(xyz, types, offsets, connectivity, of_points, of_cells, strict=True)
+        has_faces = "FaceConnectivity" in root and any((of == POLYHEDRON).any() for of in types)
+        faces = _faces(path, root, count, cells) if has_faces else [None] * count
+        grids = zip(xyz, types, offsets, connectivity, of_points, of_cells, faces, strict=True)
         return [VtkGrid(*parts) for parts in grids if len(parts[1])]
 
 
@@ -60,7 +62,29 @@ def move_hdf(source: Path, target: Path, points: Floats) -> None:
         listed = file["VTKHDF/Points"]
         if len(file["VTKHDF/NumberOfPoints"]) > 1:
             raise InvalidInput(f"{source}: several parts, each with points of its own", hint="take .vtu")
-        listed[: len(points), : points.shape[1]] = points
+        listed[: int(file["VTKHDF/NumberOfPoints"][0]), : points.shape[1]] = points[: len(listed)]
+
+
+def _faces(path: Path, root: Any, count: int, cells: list[int]) -> list[CellFaces]:
+    """The faces of the polyhedra of each part."""
+
+    def parts(name: str, sizes: list[int]) -> list[NDArray[Any]]:
+        return _split(array_of(path, root[name], "iu").astype(np.int64), sizes)
+
+    faces, nodes, of_cells = (
+        array_of(path, root[f"NumberOf{what}"], "iu")[:count].tolist()
+        for what in ("Faces", "FaceConnectivityIds", "PolyhedronToFaceIds")
+    )
+    return [
+        CellFaces.of_lists(listed, face_ends[1:], of_cell, cell_ends[1:])
+        for listed, face_ends, of_cell, cell_ends in zip(
+            parts("FaceConnectivity", nodes),
+            parts("FaceOffsets", [size + 1 for size in faces]),
+            parts("PolyhedronToFaces", of_cells),
+            parts("PolyhedronOffsets", [size + 1 for size in cells]),
+            strict=True,
+        )
+    ]
 
 
 def _split(values: NDArray[Any], sizes: list[int]) -> list[NDArray[Any]]:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from mesh_motion_server.files.moved import Place
 from mesh_motion_server.files.text import text_of
-from mesh_motion_server.files.vtk.grid import VtkGrid, lattice, structured_cells
+from mesh_motion_server.files.vtk.grid import POLYHEDRON, CellFaces, VtkGrid, lattice, structured_cells
 
 __all__ = ["Legacy", "read_legacy"]
 
@@ -20,6 +20,7 @@ _TYPES = {
     "bit": "u1", "unsigned_char": "u1", "char": "i1", "unsigned_short": "u2", "short": "i2", "unsigned_int": "u4",
     "int": "i4", "unsigned_long": "u8", "long": "i8", "float": "f4", "double": "f8", "vtkidtype": "i4",
     "signed_char": "i1",
+    "int1": "i4",  # earlier FreeFEM: the type and the number of components without a blank
     **{f"vtktypeint{8 * size}": f"i{size}" for size in (1, 2, 4, 8)},
     **{f"vtktypeuint{8 * size}": f"u{size}" for size in (1, 2, 4, 8)},
     "vtktypefloat32": "f4", "vtktypefloat64": "f8",
@@ -63,7 +64,9 @@ class Legacy:
             cells = nodes.shape[1] * np.arange(len(nodes) + 1), nodes.ravel()
         if cells is None:
             raise ValueError("it has no CELLS")
-        return VtkGrid(points, types, *cells, self.arrays["POINT_DATA"], self.arrays["CELL_DATA"])
+        rows = np.flatnonzero(types == POLYHEDRON)
+        faces = CellFaces.of_streams(cells[1], cells[0][:-1][rows], rows) if len(rows) else None
+        return VtkGrid(points, types, *cells, self.arrays["POINT_DATA"], self.arrays["CELL_DATA"], faces)
 
 
 def read_legacy(data: bytes) -> Legacy:

@@ -11,7 +11,8 @@ These formats have no patches. Patches are made from arrays with these names:
 
 import re
 from collections import defaultdict
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -29,6 +30,7 @@ from mesh_motion_server.files.vtk.grid import VtkGrid
 from mesh_motion_server.files.vtk.hdf import move_hdf, read_hdf
 from mesh_motion_server.files.vtk.legacy import read_legacy
 from mesh_motion_server.files.vtk.pieces import PatchKey, VtkPiece, joined, sources
+from mesh_motion_server.files.vtk.polyhedra import divided
 from mesh_motion_server.files.vtk.xml import read_xml
 
 __all__ = ["NUMBERED_PATCH_ARRAYS", "PATCH_PREFIX", "VTK", "VTKHDF", "VTU", "grids_as_mesh"]
@@ -59,20 +61,20 @@ _GHOSTS, _DUPLICATE = "vtkGhostType", 1
 def _read_vtu(path: Path) -> MeshFile:
     """Read a mesh from ``.vtu``, ``.vts`` or ``.pvtu``.
 
-    Raises InvalidInput for other XML files, damaged ones, and polygons or polyhedra.
+    Raises InvalidInput for other XML files and damaged ones.
     """
     return grids_as_mesh(path, read_xml, sources(path) if path.suffix.lower() == ".pvtu" else [path])
 
 
 def _read_vtk(path: Path) -> MeshFile:
-    """Read a mesh from ``.vtk``. Raises InvalidInput for surfaces, damaged files, and polygons or polyhedra."""
+    """Read a mesh from ``.vtk``. Raises InvalidInput for surfaces and damaged files."""
     return grids_as_mesh(path, lambda file: [read_legacy(file.read_bytes()).grid()], [path])
 
 
 def _read_hdf(path: Path) -> MeshFile:
     """Read a mesh from ``.vtkhdf``.
 
-    Raises InvalidInput without h5py, for other kinds of grids, damaged files, and polygons or polyhedra.
+    Raises InvalidInput without h5py, for other kinds of grids and damaged files.
     """
     return grids_as_mesh(path, read_hdf, [path])
 
@@ -80,34 +82,29 @@ def _read_hdf(path: Path) -> MeshFile:
 def grids_as_mesh(path: Path, read: Callable[[Path], list[VtkGrid]], files: list[Path]) -> MeshFile:
     """The mesh of all grids in the files.
 
-    Raises InvalidInput if ``read`` raises anything but an OSError, for polygons and polyhedra, and pieces that do not
-    fit together.
+    Raises InvalidInput if ``read`` raises anything but an OSError, for cells that cannot be divided, and pieces that do
+    not fit together.
 
     Parameters
     ----------
     read : function (path)
         The grids of one file.
     """
-    grids, listed = [], []
+    grids: list[tuple[Path, VtkGrid]] = []
     for file in files:
-        try:
-            for grid in read(file):
-                grids.append((file, grid))
-                listed.append(grid.cells())
-        except (OSError, InvalidInput):
-            raise
-        except Exception as error:
-            hint = "divide such cells into simple ones: ParaView's filters Triangulate and Tetrahedralize do"
-            raise InvalidInput(
-                f"{file}: not readable as {file.suffix}: {reason_of(error)}",
-                hint=hint if "VTK's type" in str(error) else "",
-            ) from None
+        with _named_errors(file):
+            grids += [(file, grid) for grid in read(file)]
+    listed = []
+    for row, (file, grid) in enumerate(grids):
+        with _named_errors(file):
+            simple = divided(file, grid if len(grids) == 1 else _without_ghosts(grid))
+            grids[row] = file, simple
+            listed.append(simple.cells())
     dimension = max((CELL_TYPES[name].dimension for cells in listed for name, _, _ in cells), default=0)
     _require_alike(path, [grid for _, grid in grids])
     marks = _patches([grid for _, grid in grids], listed, dimension)
     pieces = [
-        VtkPiece(grid.points, _kept(grid, cells, ghosts=len(grids) == 1), own)
-        for (_, grid), cells, own in zip(grids, listed, marks, strict=True)
+        VtkPiece(grid.points, _by_type(cells), own) for (_, grid), cells, own in zip(grids, listed, marks, strict=True)
     ]
     whole, notes = joined(path, pieces) if pieces else (VtkPiece(np.empty((0, 3)), {}, {}), [])
     patches, of_names = by_name(named_groups(whole.patches))
@@ -122,6 +119,21 @@ def grids_as_mesh(path: Path, read: Callable[[Path], list[VtkGrid]], files: list
     if not patches:
         notes += _no_patches([grid for _, grid in grids])
     return replace(mesh, notes=(*mesh.notes, *notes))
+
+
+@contextmanager
+def _named_errors(file: Path) -> Iterator[None]:
+    """Name the file in errors of a damaged file."""
+    try:
+        yield
+    except (OSError, InvalidInput):
+        raise
+    except Exception as error:
+        hint = "divide such cells into simple ones: ParaView's filters Triangulate and Tetrahedralize do"
+        raise InvalidInput(
+            f"{file}: not readable as {file.suffix}: {reason_of(error)}",
+            hint=hint if "VTK's type" in str(error) else "",
+        ) from None
 
 
 def _no_patches(grids: list[VtkGrid]) -> list[str]:
@@ -149,15 +161,19 @@ def _require_alike(path: Path, grids: list[VtkGrid]) -> None:
             )
 
 
-def _kept(grid: VtkGrid, cells: Listed, *, ghosts: bool) -> dict[str, Integers]:
-    """The cells of a grid, without ghost cells unless ``ghosts`` is true."""
+def _without_ghosts(grid: VtkGrid) -> VtkGrid:
+    """The grid without the cells that another piece has, too."""
     flags = grid.cell_arrays.get(_GHOSTS)
-    kept = np.ones(len(grid.types), bool)
-    if flags is not None and not ghosts and flags.dtype.kind in "iu":
-        kept = (flags.ravel().astype(np.int64) & _DUPLICATE) == 0
+    if flags is None or flags.dtype.kind not in "iu":
+        return grid
+    return grid.of_rows(np.flatnonzero((flags.ravel().astype(np.int64) & _DUPLICATE) == 0))
+
+
+def _by_type(cells: Listed) -> dict[str, Integers]:
+    """The nodes of the cells of each type."""
     own: dict[str, list[Integers]] = defaultdict(list)
-    for name, rows, nodes in cells:
-        own[name].append(nodes[kept[rows]])
+    for name, _, nodes in cells:
+        own[name].append(nodes)
     return concatenated(own)
 
 

@@ -9,6 +9,7 @@ import math
 import re
 import zlib
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -19,7 +20,7 @@ from mesh_motion_protocol.errors import InvalidInput
 from numpy.typing import NDArray
 
 from mesh_motion_server.files.packages import check_unpacked, most_unpacked
-from mesh_motion_server.files.vtk.grid import VtkGrid, structured_cells
+from mesh_motion_server.files.vtk.grid import POLYHEDRON, CellFaces, VtkGrid, structured_cells
 
 __all__ = ["read_xml"]
 
@@ -30,6 +31,7 @@ _UNPACKERS: dict[str, Callable[[], Any]] = {
     "vtkLZMADataCompressor": lzma.LZMADecompressor,
 }
 _OF_FILES = "give one of the files that it names"
+_ANY = -1  # a list of any length
 _BY_PARAVIEW = "convert it with ParaView's filter Append Datasets, and save the result as .vtu"
 _WAYS_IN = {
     "Collection": _OF_FILES,
@@ -71,9 +73,24 @@ def _unstructured(values: "_Values", piece: ElementTree.Element) -> VtkGrid:
     cells = values.arrays(piece, "Cells", ("offsets", "types"))
     offsets = np.concatenate([[0], cells["offsets"].astype(np.int64)])
     nodes = values.arrays(piece, "Cells", ("connectivity",), rows=int(offsets[-1]))["connectivity"]
-    return _grid(
-        values, piece, _points(values, piece), cells["types"].astype(np.int64), offsets, nodes.astype(np.int64)
-    )
+    types = cells["types"].astype(np.int64)
+    grid = _grid(values, piece, _points(values, piece), types, offsets, nodes.astype(np.int64))
+    return replace(grid, faces=_faces(values, piece, types)) if (types == POLYHEDRON).any() else grid
+
+
+def _faces(values: "_Values", piece: ElementTree.Element, types: Integers) -> CellFaces:
+    """The faces of the polyhedra: in files before version 2.3 a list of all faces of each cell."""
+
+    def listed(name: str, rows: int | None = None) -> Integers:
+        return values.arrays(piece, "Cells", (name,), rows)[name].astype(np.int64)
+
+    if values.has(piece, "Cells", "faces"):
+        rows = np.flatnonzero(types == POLYHEDRON)
+        ends = listed("faceoffsets")[rows]
+        return CellFaces.of_streams(listed("faces", int(ends[-1])), np.concatenate([[0], ends[:-1]]), rows)
+    face_ends, cell_ends = listed("face_offsets", _ANY), listed("polyhedron_offsets")
+    nodes, faces = listed("face_connectivity", int(face_ends[-1])), listed("polyhedron_to_faces", int(cell_ends[-1]))
+    return CellFaces.of_lists(nodes, face_ends, faces, cell_ends)
 
 
 def _structured(values: "_Values", piece: ElementTree.Element) -> VtkGrid:
@@ -131,7 +148,7 @@ class _Values:
     ) -> dict[str, NDArray[np.generic]]:
         """The arrays of a section of a piece, all or those with these names; arrays of text are left out.
 
-        ``rows`` is their length, unless it is that of the piece.
+        ``rows`` is their length, unless it is that of the piece; -1 for any.
         """
         found = piece.find(section)
         arrays = found.findall("DataArray") if found is not None else []
@@ -142,6 +159,10 @@ class _Values:
         rows = int(count) if rows is None and count is not None else rows
         return {name: self._array(name, named[name], rows) for name in names or named}
 
+    def has(self, piece: ElementTree.Element, section: str, name: str) -> bool:
+        """Whether a section of a piece has an array with this name."""
+        return any(array.get("Name") == name for array in piece.iterfind(f"{section}/DataArray"))
+
     def _array(self, name: str, array: ElementTree.Element, rows: int | None) -> NDArray[np.generic]:
         dtype = np.dtype(self._order + _TYPES[array.get("type", "")])
         text = (array.text or "").strip()
@@ -150,9 +171,9 @@ class _Values:
             if array.get("format") == "ascii":
                 values = np.array(text.split(), dtype=dtype)
             else:
-                most = most_unpacked(self._packed) if rows is None else rows * max(width, 1) * dtype.itemsize
+                most = most_unpacked(self._packed) if rows in (None, _ANY) else rows * max(width, 1) * dtype.itemsize
                 values = np.frombuffer(self._bytes(array, text, most), dtype)
-            if rows and values.size != rows * max(width, 1):  # half of a mesh is no mesh
+            if rows and rows != _ANY and values.size != rows * max(width, 1):  # half of a mesh is no mesh
                 raise ValueError(f"{values.size} values, but {rows * max(width, 1)} are expected")
             return values.reshape(-1, width) if width > 1 else values
         except ValueError as error:
@@ -171,6 +192,9 @@ class _Values:
         size = self._integer.itemsize
         count = int(np.frombuffer(_taken(data, 0, size, coded=coded), self._integer)[0])
         if not self._compressor:
+            begin, pad = 4 * -(-size // 3), b"=" * (-size % 3)
+            if coded and data[:begin].endswith(pad):  # DUNE and hpGEM encode the length by itself, as VTK reads it, too
+                return _taken(data, begin, count, coded=True)
             if size + count > len(data):  # MEDCoupling writes four other bytes instead of the length
                 count = min(count, most)
             return _taken(data, 0, size + count, coded=coded)[size:]
