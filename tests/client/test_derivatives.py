@@ -39,16 +39,19 @@ def test_a_trial_knows_where_it_is(session):
     assert (second.tangent(v) == at_trial).all()
     assert (second.cotangent(second.displacement) == weights).all()
     session.move(bulge(0.1))
+    assert (second.tangent(v) == at_trial).all()
+    assert (session.tangent(v, "committed") == at_trial).all()
+    session.commit()
     with pytest.raises(SessionError, match="is not where the session is"):
         second.tangent(v)
-    assert (session.tangent(v, "committed") == at_trial).all()
-    session.rollback()
 
 
 def test_wrong_shapes_are_refused_here(session):
-    with pytest.raises(InvalidInput, match=r"velocity: expected shape \(9, 2\) or \(c, 9, 2\), got \(8, 2\)"):
+    with pytest.raises(InvalidInput, match=r"velocity: expected shape \(9, 2\) or \(c, 9, 2\), c ≥ 1, got \(8, 2\)"):
         session.tangent(np.ones((8, 2)))
-    with pytest.raises(InvalidInput, match=r"weights: expected shape \(81, 2\) or \(c, 81, 2\), got \(80, 2\)"):
+    with pytest.raises(InvalidInput, match=r"velocity: .* c ≥ 1, got \(0, 9, 2\)"):
+        session.tangent(np.ones((0, 9, 2)))
+    with pytest.raises(InvalidInput, match=r"weights: expected shape \(81, 2\) or \(c, 81, 2\), c ≥ 1, got \(80, 2\)"):
         session.cotangent(np.ones((80, 2)))
 
 

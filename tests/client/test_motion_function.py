@@ -123,6 +123,10 @@ def test_pytorch_hands_on_what_the_server_says(torch, torch_motion):
         motion(torch.tensor(bulge(2.0)))
 
 
+def test_pytorch_takes_an_array_of_numpy(torch, torch_motion):
+    assert torch.equal(torch_motion(bulge(0.1)), torch_motion(torch.tensor(bulge(0.1))))
+
+
 def test_pytorch_refuses_second_derivatives(torch, torch_motion):
     """Also if the objective has a part that has them: it would be taken for the whole."""
     at = torch.tensor(bulge(0.1), requires_grad=True)

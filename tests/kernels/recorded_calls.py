@@ -28,9 +28,9 @@ _TESTS = (
     "../distributed/test_counted_cells.py", "../distributed/test_field.py",
     "../session/partitions/test_cell_order.py", "../docs/studies/test_sampled_prediction.py",
     "../docs/studies/volume_reduction/test_background_grid.py",
-    "test_centres.py", "test_closest_point.py", "test_evaluation.py", "test_exact_displacements.py",
-    "test_hashed_cells.py", "test_headroom.py", "test_linked_unknowns.py", "test_sliding.py",
-    "test_newton.py", "test_cell_distortion.py", "test_smooth_motion.py", "test_motion_slope.py",
+    "test_centres.py", "test_closest_point.py", "test_contact_ahead.py", "test_evaluation.py",
+    "test_exact_displacements.py", "test_hashed_cells.py", "test_headroom.py", "test_linked_unknowns.py",
+    "test_sliding.py", "test_newton.py", "test_cell_distortion.py", "test_smooth_motion.py", "test_motion_slope.py",
     "../docs/studies/test_predictors.py", "two_scale/test_grid_sums.py", "two_scale/test_nested_grid.py",
 )  # fmt: skip
 #: Moves with so many times the boxes along each axis: loops have the work of several tasks.

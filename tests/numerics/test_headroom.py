@@ -16,6 +16,8 @@ from mesh_motion_numerics.motion.motion import MotionModel
 from mesh_motion_numerics.motion.motion_found import Motion
 from mesh_motion_numerics.quality.headroom import HORIZON, Headroom, headroom
 from mesh_motion_protocol.errors import QualityRefused
+from periodic_meshes import periodic_box
+from sliding_meshes import Mesh, duct
 
 from mesh_motion_server.session.factors import FactorCache
 
@@ -164,7 +166,7 @@ def turn(x: np.ndarray, k: int) -> np.ndarray:
 
 
 def shift(x: np.ndarray, k: int) -> np.ndarray:
-    return x + np.array([0.02 * k, 0.0])
+    return x + 0.02 * k * np.eye(x.shape[1])[0]
 
 
 def test_a_straight_run_ends_where_its_first_step_says() -> None:
@@ -182,18 +184,49 @@ def test_a_turning_run_is_known_five_steps_ahead(mesh: str) -> None:
 
 
 @pytest.mark.parametrize("mesh", ["thesis_block", "thesis_slab"])
-def test_a_correction_keeps_a_mesh_for_longer(mesh: str) -> None:
-    """The end is known five steps ahead, and too early before."""
+def test_a_corrected_run_ends_at_the_wall(mesh: str) -> None:
+    """It makes as many further steps as each of its steps predicts."""
     found, end = run_of(stored(mesh), shift)
-    late = {end - k: steps - (end - k) for k, steps in enumerate(found, start=1)}
-    (five,) = (left for left in late if 4.6 < left <= 5.6)
-    assert abs(late[five]) < 0.1 * five
-    assert max(late.values()) < 1.0
-    assert min(one for left, one in late.items() if left < 10.0) > -6.0
+    assert len(found) > 15
+    for k, steps in enumerate(found, start=1):
+        assert int(end) - k <= steps <= int(end) - k + 1.0 + 1e-6
+        assert k + steps == pytest.approx(found[0] + 1.0, rel=1e-9)
 
 
-def test_the_threshold_of_a_corrected_flag_is_known_five_steps_ahead() -> None:
-    """Cells that invert later reach it first: those that are the worst ones already."""
+@pytest.mark.parametrize("kind", ["quad", "tetra", "pyramid", "hexahedron + wedge"])
+def test_a_corrected_run_ends_at_the_wall_for_cells_of_every_type(kind: str) -> None:
+    found, end = run_of(box_mesh(kind, 5), shift)
+    assert int(end) == 19
+    np.testing.assert_allclose(found, np.arange(19.0, 0.0, -1.0), rtol=1e-9)
+
+
+def test_a_corrected_body_that_turns_does_not_end_soon() -> None:
+    """By straight ways cells invert within few steps."""
+    mesh = stored("thesis_block")
+    model, factors = MotionModel.build(mesh.points, mesh.cells, mesh.patches, Method()), FactorCache(1 << 28)
+    points, straight = model.points, []
+    for k in range(1, 41):
+        before, motion = points, model.move(points, turn(model.points[model.roles.moving], k), factors)
+        points = motion.points
+        steps, _ = kernels.first_inversions(points, before, model.cells.nodes, NONE, HORIZON, 1)
+        straight.append(steps[0])
+        if steps[0] < 20.0:
+            assert 40.0 < model.headroom(before, points, worst_of(motion)).inversion < 80.0
+    assert min(straight) < 10.0
+
+
+@pytest.mark.parametrize("make", [lambda: duct("quad", bend=0.6), lambda: periodic_box("quad")])
+def test_where_the_nodes_of_a_wall_go_is_not_known_ahead(make: Callable[[], Mesh]) -> None:
+    points, cells, patches = make()
+    model = MotionModel.build(points, cells, patches, Method())
+    assert model.contact is None
+    way = np.where(np.isin(np.arange(len(points)), model.roles.moving)[:, None], [0.03, 0.0], 0.0)
+    steps, _ = kernels.first_inversions(points + way, points, cells.nodes, NONE, HORIZON, 1)
+    assert model.headroom(points, points + way, NONE).inversion == steps[0]
+
+
+def test_the_threshold_and_the_end_of_a_corrected_flag_are_known_ahead() -> None:
+    """Cells that invert later reach the threshold first: those that are the worst ones already. It ends at the wall."""
     folder = Path(__file__).parents[2] / "examples" / "turek_hron_flag"
     with np.load(folder / "mesh.npz") as file, np.load(folder / "motion.npz") as table:
         cells = CellTable.from_arrays({"quad": file["cells_quad"], "triangle": file["cells_triangle"]})
@@ -210,5 +243,9 @@ def test_the_threshold_of_a_corrected_flag_is_known_five_steps_ahead() -> None:
     (last,) = (k for k in range(len(motions) - 1) if lowest[k] >= 0.2 > lowest[k + 1])
     end = last + (lowest[last] - 0.2) / (lowest[last] - lowest[last + 1])
     for k, (before, motion) in enumerate(pairwise(motions), start=1):
-        found = model.headroom(before.points, motion.points, worst_of(motion)).threshold
-        assert found == pytest.approx(max(end - k, 0.0), rel=0.1)
+        found = model.headroom(before.points, motion.points, worst_of(motion))
+        assert found.threshold == pytest.approx(max(end - k, 0.0), rel=0.1)
+        assert k + steps.start + found.inversion == pytest.approx(51.427, abs=1e-3)
+    model.move(model.points, rest + 0.05 * 51 * bent, factors)
+    with pytest.raises(QualityRefused, match="the boundary would cross itself"):
+        model.move(model.points, rest + 0.05 * 52 * bent, factors)

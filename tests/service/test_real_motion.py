@@ -9,8 +9,8 @@ import pytest
 from mesh_motion_numerics import stopwatch
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.mesh.finite_volume import face_measures
-from mesh_motion_numerics.quality.headroom import headroom
-from mesh_motion_numerics.quality.metrics import cells_at_rest
+from mesh_motion_numerics.method import Method
+from mesh_motion_numerics.motion.motion import MotionModel
 from mesh_motion_protocol.messages import Commit, Move, Status
 from real_sessions import boxed, bulge, new_session
 
@@ -137,9 +137,9 @@ def test_the_headroom_is_that_of_the_coordinates_that_were_answered(store: Any) 
         driver.all(Commit, step=step)
     assert not replies[0].headroom
     assert replies[1].headroom == replies[2].headroom
-    found, rest = replies[1].headroom, cells_at_rest(whole.points, cells)
-    every = np.arange(len(cells))
-    expected = headroom(points, points - step_rows, cells, rest, "relative-size-skew", 0.2, every, every)
+    found, every = replies[1].headroom, np.arange(len(cells))
+    model = MotionModel.build(whole.points, cells, whole.patches, Method())
+    expected = model.headroom(points - step_rows, points, every)
     assert found["inversion"] == pytest.approx(expected.inversion, rel=1e-9)
     assert found["threshold"] == pytest.approx(expected.threshold, rel=1e-9)
     mesh = driver.meshes[found["cell"]["partition"]]
@@ -172,9 +172,9 @@ def test_the_headroom_along_the_displacement_and_along_a_velocity(store: Any) ->
         last[mesh.global_ids] = reply.displacement
         displaced[mesh.global_ids] = before.displacement + reply.displacement
         velocity[mesh.global_ids] = reply.velocity
-    rest, after, every = cells_at_rest(whole.points, cells), whole.points + displaced, np.arange(len(cells))
+    model, after = MotionModel.build(whole.points, cells, whole.patches, Method()), whole.points + displaced
     for reply, way, along in zip(replies, (displaced, velocity, last), ways, strict=True):
-        expected = headroom(after, after - way, cells, rest, "relative-size-skew", 0.2, every, every)
+        expected = model.headroom(after - way, after, np.arange(len(cells)))
         assert reply.headroom["along"] == along
         assert reply.headroom["inversion"] == pytest.approx(expected.inversion, rel=1e-6)
         assert reply.headroom["threshold"] == pytest.approx(expected.threshold, rel=1e-3)

@@ -290,11 +290,11 @@ class Session(OpenedSession):
         """
         if (self.step + 1, self.iteration) == (step, iteration):
             return "trial"
-        if self.iteration == 0 and self._committed == (step, iteration):
+        if self._committed == (step, iteration):
             return "committed"
         raise SessionError(
             f"the trial of step {step}, iteration {iteration}, is not where the session is",
-            hint="differentiate a trial before the next move, or before the next step is committed",
+            hint="differentiate a trial before the next move replaces it, a committed one before the next commit",
         )
 
     @property
@@ -305,9 +305,10 @@ class Session(OpenedSession):
         """Return (m, c d) rows of one vector (m, d) or of c vectors (c, m, d), and whether there were c vectors."""
         given = real_numbers(values, name)
         many, d = given.ndim == 3, self.dimension
-        if given.ndim not in (2, 3) or given.shape[-1] != d or (count is not None and given.shape[-2] != count):
+        wrong = given.ndim not in (2, 3) or given.shape[-1] != d or (many and not len(given))
+        if wrong or (count is not None and given.shape[-2] != count):
             rows = "n" if count is None else count
-            raise InvalidInput(f"{name}: expected shape ({rows}, {d}) or (c, {rows}, {d}), got {given.shape}")
+            raise InvalidInput(f"{name}: expected shape ({rows}, {d}) or (c, {rows}, {d}), c ≥ 1, got {given.shape}")
         stacked = given if many else given[None]
         return np.ascontiguousarray(np.moveaxis(stacked, 0, 1).reshape(given.shape[-2], len(stacked) * d)), many
 

@@ -16,7 +16,9 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 from mesh_motion_protocol.errors import InvalidInput
+from numpy.typing import NDArray
 
 try:
     import torch
@@ -49,8 +51,8 @@ class Motion:
     def __init__(self, session: Session) -> None:
         self._motion = MotionFunction(session)
 
-    def __call__(self, displacement: torch.Tensor) -> torch.Tensor:
-        """(n, d) tensor of all nodes for the (k, d) ``displacement`` of the moving nodes, float64, any device.
+    def __call__(self, displacement: torch.Tensor | NDArray[np.float64]) -> torch.Tensor:
+        """(n, d) tensor of all nodes for the (k, d) ``displacement`` of the moving nodes, float64, any device or array.
 
         Raises
         ------
@@ -59,6 +61,7 @@ class Motion:
         QualityRefused
             If no acceptable mesh is found.
         """
+        displacement = torch.as_tensor(displacement)
         if displacement.dtype != torch.float64:
             raise InvalidInput(
                 f"displacement: expected torch.float64, got {displacement.dtype}", hint="give displacement.double()"

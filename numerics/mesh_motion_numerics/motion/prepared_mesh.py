@@ -19,16 +19,20 @@ from mesh_motion_numerics.mesh.roles import BoundaryRoles, Patch
 from mesh_motion_numerics.method import Method
 from mesh_motion_numerics.motion.body_paths import Body, moving_bodies
 from mesh_motion_numerics.motion.boundary_layer import BoundaryLayer, held_with
+from mesh_motion_numerics.motion.contact_ahead import ContactAhead
 from mesh_motion_numerics.motion.crossing import PossibleCrossing
 from mesh_motion_numerics.motion.layered_walls import LayeredWalls
 from mesh_motion_numerics.motion.standard_motion import StandardMotion
 from mesh_motion_numerics.motion.winding import Winding, winding_body
-from mesh_motion_numerics.quality.headroom import Headroom, headroom
+from mesh_motion_numerics.quality.headroom import HORIZON, Headroom, headroom
 from mesh_motion_numerics.quality.mesh_check import CheckedMesh, checked_mesh
 from mesh_motion_numerics.quality.metrics import AtRest, CellQuality, cells_at_rest
 from mesh_motion_numerics.quality.quality_summary import Judgement, judged_mesh, summarize
 
 __all__ = ["PreparedMesh"]
+
+#: Steps to the first inversion by straight ways, below which the end of the smooth correction is looked for.
+_SOON = 20.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,12 +151,26 @@ class PreparedMesh:
     def headroom(self, before: Floats, points: Floats, worst: Integers) -> Headroom:
         """The number of further steps like that from ``before`` (n, d) which the mesh at ``points`` (n, d) admits.
 
-        ``worst`` (w,) are the worst cells there, as a judgement names them.
+        ``worst`` (w,) are the worst cells there, as a judgement names them. The smooth correction keeps all cells valid
+        until the boundary meets itself.
         """
         metric, threshold = self.method.quality_metric, self.method.quality_threshold
-        return headroom(
+        found = headroom(
             points, before, self.cells, self.reference_sizes, metric, threshold, worst, self.cells_at_moving
         )
+        contact = self.contact if self.method.correction == "smooth" and 0.0 < found.inversion < _SOON else None
+        if contact is None:
+            return found
+        return replace(found, inversion=max(found.inversion, contact.steps(points, before, found.inversion, HORIZON)))
+
+    @cached_property
+    def contact(self) -> ContactAhead | None:
+        """The boundary, if its nodes have known places; None too if parts of it meet at rest."""
+        facets, boundary = self.boundary.facets, boundary_facets(self.cells)
+        whole = {name: len(nodes) for name, nodes in boundary.items()} == {k: len(v) for k, v in facets.nodes.items()}
+        if not whole or len(self.boundary.sides.pairs) or self.cells.dimension < 2:
+            return None
+        return ContactAhead.build(facets, self.points)
 
     @cached_property
     def cells_at_moving(self) -> Integers:

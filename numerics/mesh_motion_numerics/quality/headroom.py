@@ -27,12 +27,12 @@ class Headroom:
     Attributes
     ----------
     inversion : float
-        Until the first cell inverts.
+        Until the first cell inverts; with the smooth correction, until none can be valid.
     threshold : float
         Until a cell of those that invert first, or of the worst ones, is below the quality threshold; 0 if the mesh
         is below it now.
     cell : int
-        The cell that inverts first.
+        The cell that inverts first if all nodes go straight on.
     """
 
     inversion: float
@@ -53,7 +53,8 @@ def headroom(
     """The headroom of a mesh whose last step went from ``before`` (n, d) to ``points`` (n, d); mesh length unit.
 
     The determinants of corners are polynomials along the step: their first root is exact. The real motion is straight
-    only if its targets are, and a correction keeps cells valid for longer than this result: it is an early warning.
+    only if its targets are, and a correction keeps cells valid for longer: this result is an early warning
+    (:mod:`.contact_ahead` has the end of the smooth one).
 
     Parameters
     ----------

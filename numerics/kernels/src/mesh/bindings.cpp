@@ -1,4 +1,5 @@
 #include "bind.h"
+#include "mesh/approaching.h"
 #include "mesh/closest_point.h"
 #include "mesh/digest.h"
 #include "mesh/facets.h"
@@ -9,6 +10,7 @@ namespace mesh_motion {
 
 void bind_mesh(nanobind::module_& m) {
     bind(m, "add_values", add_values);
+    bind(m, "approaching_nodes", approaching_nodes);
     bind(m, "bounding_box", corners_of);
     bind(m, "closest_points", closest_points);
     bind(m, "smooth_points", smooth_points);

@@ -1,0 +1,71 @@
+"""Steps until a boundary meets itself: known contacts, and the static test of crossings before and after them."""
+
+import numpy as np
+import pytest
+from box_meshes import CELL_KINDS
+from far_meshes import near_block
+from mesh_motion_numerics.mesh.boundary_crossing import BoundaryFacets, crossing_place
+from mesh_motion_numerics.mesh.boundary_facets import boundary_facets
+from mesh_motion_numerics.mesh.roles import BoundaryRoles
+from mesh_motion_numerics.motion.contact_ahead import ContactAhead
+
+#: The body of :func:`.near_block` is the middle fifth of the unit square or cube.
+GAP = 0.4
+
+
+def boundary_of(kind: str, layers: int = 5) -> tuple[np.ndarray, BoundaryFacets]:
+    points, cells, patches = near_block(kind, layers)
+    roles = BoundaryRoles.from_patches(patches)
+    return points, BoundaryFacets.build(boundary_facets(cells), roles.moving, roles.fixed, len(points))
+
+
+def steps(points: np.ndarray, boundary: BoundaryFacets, way: np.ndarray, first: float = 0.0) -> float:
+    return ContactAhead.build(boundary, points).steps(points, points - way, first, 100.0)
+
+
+@pytest.mark.parametrize("kind", CELL_KINDS)
+@pytest.mark.parametrize("axis", [0, 1])
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_a_body_that_moves_straight_meets_the_wall(kind: str, axis: int, sign: float) -> None:
+    points, boundary = boundary_of(kind)
+    way = np.zeros_like(points)
+    way[boundary.moving, axis] = sign * 0.02
+    assert steps(points, boundary, way) == pytest.approx(GAP / 0.02, rel=1e-12)
+    assert steps(points, boundary, way, 19.0) == pytest.approx(GAP / 0.02, rel=1e-12)
+    assert steps(points, boundary, 0.19 * way) == np.inf  # 105 steps
+    assert steps(points, boundary, 0.0 * way) == np.inf
+
+
+def least_distance(points: np.ndarray, boundary: BoundaryFacets) -> float:
+    """From a node of the boundary to a segment, or to a triangle of either half of a quad, without this node."""
+    corners = {"line": [(0, 1)], "triangle": [(0, 1, 2)], "quad": [(0, 1, 2), (0, 2, 3)]}
+    facets = np.concatenate([rows[:, list(one)] for kind, rows in boundary.nodes.items() for one in corners[kind]])
+    found = np.inf
+    for node in np.unique(facets):
+        own = facets[(facets != node).all(axis=1)]
+        first, edges = points[own[:, 0]], points[own[:, 1:]] - points[own[:, :1]]
+        away = points[node] - first
+        shares = np.stack([np.linalg.lstsq(e.T, x)[0] for e, x in zip(edges, away, strict=True)])
+        inside = (shares >= -1e-6).all(axis=1) & (shares.sum(axis=1) <= 1.0 + 1e-6)
+        height = np.linalg.norm(away - np.einsum("fi,fid->fd", shares, edges), axis=1)
+        found = min(found, height[inside].min(initial=np.inf))
+    return found
+
+
+@pytest.mark.parametrize("everything", [False, True])
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("kind", ["quad", "quad + triangle", "tetra", "hexahedron"])
+def test_it_is_the_first_contact_of_a_motion_that_bends_and_folds(kind: str, seed: int, everything: bool) -> None:
+    """In space edges may meet earlier: by less than an edge of 0.2."""
+    points, boundary = boundary_of(kind)
+    d, numbers = points.shape[1], np.random.default_rng(seed)
+    way = 0.02 * np.sin(points @ numbers.uniform(-5.0, 5.0, (d, d)) + numbers.uniform(-3.0, 3.0, d))
+    if everything:
+        boundary, points = BoundaryFacets(boundary.nodes, np.ones_like(boundary.moving)), points + way
+    else:
+        way[~boundary.moving] = 0.0
+    found = steps(points, boundary, way)
+    assert 0.0 < found < 100.0
+    assert least_distance(points + found * way, boundary) < 1e-12
+    before = found * (1.0 - 1e-9) if d == 2 else found - 0.2 / np.abs(way).max()
+    assert all(crossing_place(boundary, points + s * way) is None for s in np.linspace(0.0, max(before, 0.0), 100))
