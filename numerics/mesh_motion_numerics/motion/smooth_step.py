@@ -154,7 +154,8 @@ def follow(
         length = min(length, 1.0 - fraction)  # exact, because they are sums of powers of two
         plain, halved = way(fraction + length), length < 0.5
         near = cache(partial(carried, points, before, plain, fraction, fraction + length))
-        starts = [lambda: near() + length * left, near] if halved and legs else [near]  # noqa: B023
+        ahead = partial(_ahead, near, length * left)
+        starts: list[Callable[[], Floats]] = [ahead, near] if halved and legs else [near]
         leg = correction.correct(plain, starts, rough=halved and fraction + length < 1.0)
         iterations += leg.iterations
         if leg.converged:
@@ -164,6 +165,10 @@ def follow(
         else:
             length *= 0.5
     return Followed(found, fraction, legs, iterations)
+
+
+def _ahead(near: Callable[[], Floats], shift: Floats) -> Floats:
+    return near() + shift
 
 
 def _with_plain(points: Floats, before: Floats, plain: Floats, _begin: float, _end: float) -> Floats:
