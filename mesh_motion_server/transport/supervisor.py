@@ -117,7 +117,7 @@ class Supervisor:
             for attendant in self._watch.attendants:
                 attendant.await_word()
         except (EndpointError, OSError):
-            self._stop()
+            self.stop()
             raise
         self._template = self._next_template()
         self._disk.ask()  # its address space would be added to the limit of children forked later
@@ -138,7 +138,7 @@ class Supervisor:
                 self._beat(now)
             if self._killed_at is not None and now >= self._killed_at:
                 self._kill_workers()
-        return self._stop()
+        return self.stop()
 
     def _receive(self) -> None:
         """Wait for events and handle them."""
@@ -196,8 +196,8 @@ class Supervisor:
                 log().warning("killed", session=live.session, worker=live.child.pid)
                 live.child.kill()
 
-    def _stop(self) -> int:
-        """End the remaining children."""
+    def stop(self) -> int:
+        """End the remaining children; returns the exit status."""
         if self._gateway.lost:
             self._kill_workers()
             return _DEFECT
