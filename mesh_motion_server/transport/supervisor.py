@@ -90,6 +90,7 @@ class Supervisor:
             self._private = tempfile.TemporaryDirectory(prefix=PREFIX, dir=folder_for_sockets(_HANDSHAKES))
             self._protection = replace(protection, handshakes=f"ipc://{self._private.name}/{_HANDSHAKES}")
         store = SessionStore(settings.state_folder)
+        self._root = store.identity
         for name in store.sweep():
             log().info("swept", session=name)
         self._gateway = GatewayLine(self._selector, settings.endpoint, self._launch_gateway, self._request)
@@ -269,9 +270,8 @@ class Supervisor:
         child = fork(self._template)
         self._watch.worker_started()
         self._listen(child.channel, lambda _: self._worker_spoke(child))
-        child.channel.offer(
-            order | self._order(self._gateway.endpoint) | {"settings": self._settings.model_dump_json()}
-        )
+        service = {"settings": self._settings.model_dump_json(), "root": self._root}
+        child.channel.offer(order | self._order(self._gateway.endpoint) | service)
         failpoint("supervisor.ordered")
         return child
 
