@@ -93,11 +93,14 @@ def serve(
     except _RefusedError as refusal:
         return refusal.logged()
     try:
-        _announce(listening, supervisor.boot, ready_file)
+        try:
+            _announce(listening, supervisor.boot, ready_file)
+        except (_RefusedError, OSError):
+            supervisor.stop()
+            raise
         manager.notify("READY=1", f"MAINPID={os.getpid()}")
         return supervisor.run(int(lifeline) if lifeline else None)
     except _RefusedError as refusal:
-        supervisor.stop()
         return refusal.logged()
     finally:
         if ready_file is not None:
