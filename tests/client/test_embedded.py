@@ -65,6 +65,17 @@ def test_the_folder_for_temporary_files_may_have_a_long_path(tmp_path, monkeypat
     assert not Path(server.endpoint.removeprefix("ipc://")).parent.exists()
 
 
+@pytest.mark.skipif(
+    subprocess.run(["sh", "-c", "unshare -m true"], check=False, stderr=subprocess.DEVNULL).returncode != 0,
+    reason="needs root",
+)
+@pytest.mark.parametrize("missing", ["/proc", "/sys", "/dev/shm"])
+def test_a_container_may_lack_special_file_systems(missing):
+    program = "from mesh_motion_client import connect\nwith connect() as server: print(server.sessions())"
+    shell = ["unshare", "-m", "sh", "-c", f'umount -l {missing} && exec "$@"', "sh", sys.executable, "-c", program]
+    assert subprocess.run(shell, check=False, capture_output=True, text=True).stdout == "[]\n"
+
+
 FEW_FILES = """
 import resource, sys
 from mesh_motion_client import MeshMotionError, connect
