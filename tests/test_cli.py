@@ -254,3 +254,15 @@ def test_a_reader_that_leaves_early_is_no_error() -> None:
     script = f"{sys.executable} -m mesh_motion_server check {ROTATION} --json | head -1; exit ${{PIPESTATUS[0]}}"
     ended = subprocess.run(["bash", "-c", script], capture_output=True, text=True, check=False, env=os.environ)
     assert ended.stderr == ""
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["check", str(ROTATION)], ["version"]])
+def test_output_on_a_full_disk_is_status_4(arguments: list[str]) -> None:
+    """With `> report.txt`; it is written at once, or at the end of the process."""
+    command = [sys.executable, "-m", "mesh_motion_server", *arguments]
+    with open("/dev/full", "w", encoding="utf-8") as full:
+        found = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert (found.returncode, found.stderr.splitlines()[-1:]) == (
+        ExitStatus.FAILED,
+        ["mesh-motion: the output cannot be written: No space left on device"],
+    )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import sys
 import traceback
@@ -13,6 +14,9 @@ from mesh_motion_server.extras import not_installed
 
 __all__ = ["main"]
 
+#: A disk takes no more of the output, which is redirected to a file.
+_NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
+
 
 def main() -> NoReturn:
     """Run the command line and exit."""
@@ -23,7 +27,10 @@ def main() -> NoReturn:
     try:
         from mesh_motion_server.commands.app import app  # noqa: PLC0415  (its packages may be missing: the client's do)
 
-        app()
+        try:
+            app()
+        finally:
+            sys.stdout.flush()
     except ModuleNotFoundError as error:
         line = not_installed(error)
         if line is None:
@@ -31,8 +38,14 @@ def main() -> NoReturn:
         complain(line)
         sys.exit(ExitStatus.UNAVAILABLE)
     except BrokenPipeError:  # the reader of the output has ended, as in `| head`
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _discard_output()
         sys.exit(ExitStatus.DONE)
+    except OSError as error:
+        if error.errno not in _NO_ROOM or error.filename is not None:
+            _report_defect(error)
+        _discard_output()
+        complain(f"the output cannot be written: {error.strerror}")
+        sys.exit(ExitStatus.FAILED)
     except Exception as error:
         _report_defect(error)
     sys.exit(ExitStatus.DONE)
@@ -49,6 +62,11 @@ def _open_standard_streams() -> None:
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, name) is None:
             setattr(sys, name, open(os.devnull, mode, encoding="utf-8"))  # noqa: SIM115 - for the process' life
+
+
+def _discard_output() -> None:
+    """Write nothing more to standard output, not even at the end of the process."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _report_defect(error: Exception) -> NoReturn:

@@ -1,6 +1,12 @@
 """The text of files of other programs."""
 
-__all__ = ["text_of"]
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+__all__ = ["integer", "number_array", "real", "text_of"]
 
 
 def text_of(data: bytes) -> str:
@@ -12,3 +18,33 @@ def text_of(data: bytes) -> str:
     if len(lines) == 1:
         return data.decode("cp1252", errors="backslashreplace")
     return "".join(map(text_of, lines))
+
+
+def integer(word: str | bytes, base: int = 10) -> int:
+    """The integer that a file's word is. Raises ValueError if it is none, as for ``1_000`` and ``١٢``."""
+    return int(_plain(word), base)
+
+
+def real(word: str | bytes) -> float:
+    """The number that a file's word is. Raises ValueError if it is none, as for ``1_0.5``."""
+    return float(_plain(word))
+
+
+def number_array(words: Sequence[str] | Sequence[bytes], dtype: DTypeLike) -> NDArray[Any]:
+    """The numbers (n,) that a file's words are. Raises ValueError if one is none."""
+    whole = b"".join(words) if words and isinstance(words[0], bytes) else "".join(words)  # type: ignore[arg-type]
+    if not _is_plain(whole):
+        for word in words:
+            _plain(word)
+    return np.array(words, dtype=dtype)
+
+
+def _plain(word: str | bytes) -> str | bytes:
+    """A word without what Python reads in numbers and no file format has: underscores, and digits of other scripts."""
+    if not _is_plain(word):
+        raise ValueError(f"{word.decode(errors='replace') if isinstance(word, bytes) else word!r} is no number")
+    return word
+
+
+def _is_plain(text: str | bytes) -> bool:
+    return text.isascii() and (b"_" not in text if isinstance(text, bytes) else "_" not in text)

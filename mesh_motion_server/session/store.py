@@ -165,15 +165,19 @@ class SessionStore:
     ----------
     root : Path
         The state folder; ``~`` is expanded, missing folders are made with the first session.
+    identity : (int, int), optional
+        Its device and number, if another process knows them: no other folder is taken for it.
     """
 
-    def __init__(self, root: Path | str, *, files: FileSystem | None = None) -> None:
+    def __init__(
+        self, root: Path | str, *, files: FileSystem | None = None, identity: tuple[int, int] | None = None
+    ) -> None:
         self.root = Path(root).expanduser()
         self._files = files or PosixFileSystem()
         self._sessions = self.root / "sessions"
         self._listing = Listing(self._files)
         self._names: Remembered[list[str]] = Remembered(1)
-        self._identity = _identity(self.root)
+        self.identity = identity or _identity(self.root)
 
     def create(self, spec: SessionSpec) -> SessionFolder:
         """Make a folder for a new session, held by this process.
@@ -363,9 +367,9 @@ class SessionStore:
     def _require_same_root(self) -> None:
         """Raise if the state folder was moved away or unmounted: nothing is known about its sessions then."""
         now = _identity(self.root)
-        if self._identity is None:  # the first session makes it
-            self._identity = now
-        elif now != self._identity:
+        if self.identity is None:  # the first session makes it
+            self.identity = now
+        elif now != self.identity:
             raise OSError(errno.ESTALE, "it was moved or unmounted", str(self.root))
 
     def _listed(self) -> list[str]:

@@ -87,9 +87,10 @@ class GatewayLine:
             if answer is not None and answer["unprotected"]:
                 raise ProtectionError(answer["reason"])
             reason = answer["reason"] if answer else "the gateway ended, or did not start in time"
+            free = "stop the program that listens there, or use another endpoint"
             raise EndpointError(
                 f"cannot listen on {self.endpoint}: {reason}",
-                hint="stop the program that listens there, or use another endpoint",
+                hint=free if answer else "the lines before this one in the log say why",
             )
         self._take(gateway)
         self._bound(answer["endpoint"])

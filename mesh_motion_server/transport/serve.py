@@ -3,12 +3,14 @@
 import importlib.util
 import json
 import os
+import resource
 import shutil
 import sys
 from pathlib import Path
-from typing import TextIO
+from typing import Self, TextIO
 
 from mesh_motion_protocol.errors import InvalidInput, MeshMotionError, ResourceExhausted
+from mesh_motion_protocol.lacks import way_out_of
 
 from mesh_motion_server import __version__
 from mesh_motion_server.failpoints import activate
@@ -27,6 +29,8 @@ __all__ = ["EXIT_CONFIGURATION", "EXIT_UNAVAILABLE", "LIFELINE", "serve"]
 EXIT_CONFIGURATION = 78
 #: ``EX_UNAVAILABLE``: the endpoint or the state folder is in use, or the disk does not give the state folder.
 EXIT_UNAVAILABLE = 69
+#: Open files without which no session can be served: sockets, pipes between processes, stored files.
+_FEWEST_FILES = 64
 #: Environment variable with the number of an inherited file descriptor: the server drains when it reads as ended. A
 #: client that starts a private server holds the other end, so that the server never outlives it.
 LIFELINE = "MESH_MOTION_LIFELINE_FD"
@@ -69,29 +73,35 @@ def serve(
     Returns
     -------
     int
-        Exit status: 0 after a drain, 69 if the endpoint or the state folder is taken or the disk fails, 70 if the
-        gateway or the workers fail repeatedly, 78 if the endpoint or the state folder is wrong or unsafe, the keys do
-        not protect it, or a plan of failpoints is wrong.
+        Exit status: 0 after a drain, 69 if the endpoint or the state folder is taken, the disk fails, or files,
+        processes or memory are lacking, 70 if the gateway or the workers fail repeatedly, 78 if the endpoint or the
+        state folder is wrong or unsafe, the keys do not protect it, or a plan of failpoints is wrong.
     """
     configure("supervisor", level)
-    if ready_file is not None:
-        ready_file.unlink(missing_ok=True)
     lifeline = os.environ.pop(LIFELINE, None)
     private = json.loads(os.environ.pop(_PRIVATE_FOLDERS, "[]"))
     settings = settings.model_copy(update={"state_folder": settings.state_folder.expanduser()})
     manager = ServiceManager.of_environment()
     try:
+        _require_files()
+        if ready_file is not None:
+            _check_ready_file(ready_file)
         protection, lock = _prepare(settings, insecure=insecure)
         state = _hold(settings)
         supervisor, listening = _start(settings, template, level, protection, manager)
         state.name_holder(listening["endpoint"])
     except _RefusedError as refusal:
-        log().error("refused", reason=refusal.error.message, hint=refusal.error.hint)
-        return refusal.status
-    _announce(listening, supervisor.boot, ready_file)
-    manager.notify("READY=1", f"MAINPID={os.getpid()}")
+        return refusal.logged()
     try:
+        try:
+            _announce(listening, supervisor.boot, ready_file)
+        except (_RefusedError, OSError):
+            supervisor.stop()
+            raise
+        manager.notify("READY=1", f"MAINPID={os.getpid()}")
         return supervisor.run(int(lifeline) if lifeline else None)
+    except _RefusedError as refusal:
+        return refusal.logged()
     finally:
         if ready_file is not None:
             ready_file.unlink(missing_ok=True)
@@ -109,6 +119,51 @@ class _RefusedError(Exception):
         super().__init__(error.message)
         self.error = error
         self.status = status
+
+    def logged(self) -> int:
+        """The exit status, after a line in the log."""
+        log().error("refused", reason=self.error.message, hint=self.error.hint)
+        return self.status
+
+    @classmethod
+    def no_ready_file(cls, path: Path, error: OSError) -> Self:
+        """The refusal of a ready file that cannot be written."""
+        return cls(
+            ResourceExhausted(
+                f"the ready file {path} cannot be written: {error.strerror}",
+                hint=way_out_of(error, "name a file in a folder that exists and can be written"),
+            ),
+            EXIT_UNAVAILABLE,
+        )
+
+
+def _require_files() -> None:
+    """Allow this process enough open files. Raises _RefusedError if it may not have so many."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    if soft == resource.RLIM_INFINITY or soft >= _FEWEST_FILES:
+        return
+    if hard != resource.RLIM_INFINITY and hard < _FEWEST_FILES:
+        few = ResourceExhausted(
+            f"this process may have {hard} files open, expected at least {_FEWEST_FILES}",
+            hint="allow more open files: ulimit -n",
+        )
+        raise _RefusedError(few, EXIT_UNAVAILABLE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (_FEWEST_FILES, hard))
+
+
+def _check_ready_file(path: Path) -> None:
+    """Remove the ready file of an earlier server. Raises _RefusedError if a new one cannot be made."""
+    try:
+        path.unlink(missing_ok=True)
+        (partial := _partial(path)).touch()
+        partial.unlink()
+    except OSError as error:
+        raise _RefusedError.no_ready_file(path, error) from error
+
+
+def _partial(path: Path) -> Path:
+    """Where the ready file is written before it has its name."""
+    return path.with_name(path.name + ".part")
 
 
 def _prepare(settings: ServerSettings, *, insecure: bool) -> tuple[Protection | None, TextIO | None]:
@@ -147,6 +202,12 @@ def _start(
     try:
         supervisor = Supervisor(settings, level, protection, manager, template)
         return supervisor, supervisor.start()
+    except OSError as error:
+        lacking = ResourceExhausted(
+            f"the server cannot start: {error.strerror or error}",
+            hint=way_out_of(error, "check the disks of the state folder and of TMPDIR"),
+        )
+        raise _RefusedError(lacking, EXIT_UNAVAILABLE) from error
     except ResourceExhausted as error:
         raise _RefusedError(error, EXIT_UNAVAILABLE) from error
     except EndpointError as error:
@@ -197,6 +258,8 @@ def _announce(listening: dict[str, str], boot: str, ready_file: Path | None) -> 
     sys.stdout.flush()
     if ready_file is not None:
         text = json.dumps(listening | {"pid": os.getpid(), "boot": boot, "version": __version__})
-        partial = ready_file.with_name(ready_file.name + ".part")
-        partial.write_text(text, encoding="utf-8")
-        partial.replace(ready_file)
+        try:
+            (partial := _partial(ready_file)).write_text(text, encoding="utf-8")
+            partial.replace(ready_file)
+        except OSError as error:
+            raise _RefusedError.no_ready_file(ready_file, error) from error

@@ -90,6 +90,7 @@ class Supervisor:
             self._private = tempfile.TemporaryDirectory(prefix=PREFIX, dir=folder_for_sockets(_HANDSHAKES))
             self._protection = replace(protection, handshakes=f"ipc://{self._private.name}/{_HANDSHAKES}")
         store = SessionStore(settings.state_folder)
+        self._root = store.identity
         for name in store.sweep():
             log().info("swept", session=name)
         self._gateway = GatewayLine(self._selector, settings.endpoint, self._launch_gateway, self._request)
@@ -117,7 +118,7 @@ class Supervisor:
             for attendant in self._watch.attendants:
                 attendant.await_word()
         except (EndpointError, OSError):
-            self._stop()
+            self.stop()
             raise
         self._template = self._next_template()
         self._disk.ask()  # its address space would be added to the limit of children forked later
@@ -138,7 +139,7 @@ class Supervisor:
                 self._beat(now)
             if self._killed_at is not None and now >= self._killed_at:
                 self._kill_workers()
-        return self._stop()
+        return self.stop()
 
     def _receive(self) -> None:
         """Wait for events and handle them."""
@@ -196,8 +197,8 @@ class Supervisor:
                 log().warning("killed", session=live.session, worker=live.child.pid)
                 live.child.kill()
 
-    def _stop(self) -> int:
-        """End the remaining children."""
+    def stop(self) -> int:
+        """End the remaining children; returns the exit status."""
         if self._gateway.lost:
             self._kill_workers()
             return _DEFECT
@@ -269,9 +270,8 @@ class Supervisor:
         child = fork(self._template)
         self._watch.worker_started()
         self._listen(child.channel, lambda _: self._worker_spoke(child))
-        child.channel.offer(
-            order | self._order(self._gateway.endpoint) | {"settings": self._settings.model_dump_json()}
-        )
+        service = {"settings": self._settings.model_dump_json(), "root": self._root}
+        child.channel.offer(order | self._order(self._gateway.endpoint) | service)
         failpoint("supervisor.ordered")
         return child
 

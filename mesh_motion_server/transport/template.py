@@ -120,7 +120,8 @@ def _serve(channel: Channel, order: dict[str, Any], service: Service, signals: A
     context.set(zmq.MAX_SOCKETS, 64)
     socket = router(context, message_bytes=FRAME_BYTES, queued=_QUEUED, handshake_seconds=settings.handshake_seconds)
     try:
-        host = _host(order, hosts, stores(settings.state_folder), settings, partial(_report_progress, channel))
+        store = stores(settings.state_folder, identity=tuple(order["root"]))
+        host = _host(order, hosts, store, settings, partial(_report_progress, channel))
     except Exception as error:
         channel.send({"event": "failed", "tally": TALLY.take()} | _failure(error))
         return 1

@@ -5,7 +5,7 @@ import signal
 
 import numpy as np
 import pytest
-from mesh_motion_client import InvalidInput, StepsLost, connect
+from mesh_motion_client import InvalidInput, ResourceExhausted, StepsLost, connect
 
 from mesh_motion_server.failpoints import VARIABLE
 from tests.faults.failpoint_plan import PLAN
@@ -40,6 +40,26 @@ def test_every_level_from_open_to_resume(server, mesh, level):
             assert (again.step, again.durable_step) == (5, 5)
             np.testing.assert_array_equal(again.points(), points)
             assert len(set(digests)) == 5
+
+
+def test_a_state_folder_that_moves_away_takes_no_new_session_elsewhere(server_with, mesh):
+    """An unmounted disk leaves an empty folder: sessions that are stored there are lost when it is mounted again."""
+    server = server_with()
+    with connect(server.endpoint, timeout=20, compute_timeout=30) as client, client.open(mesh) as session:
+        step(session)
+        away = server.state.rename(server.state.with_name("away"))
+        for make in (lambda: None, lambda: server.state.mkdir(mode=0o700)):
+            make()
+            with pytest.raises(ResourceExhausted, match=r"moved or unmounted"):
+                client.open(mesh)
+            assert not server.state.exists() or not list(server.state.iterdir())
+        assert step(session).step == 2
+        server.state.rmdir()
+        away.rename(server.state)
+        with client.open(mesh) as other:
+            assert step(other).step == 1
+        kill_worker(server, session)
+        assert step(session).step == 3
 
 
 def test_steps_that_did_not_survive_are_said_and_can_be_done_again(server_with, mesh, tmp_path, monkeypatch):

@@ -115,6 +115,22 @@ def test_names_in_the_alphabet_of_windows_stay_apart(tmp_path: Path, name: str) 
     assert lists(read_mesh(tmp_path / f"moved_{name}").patches) == lists(mesh.patches)
 
 
+@pytest.mark.parametrize("number", [rb"(?<=[\s(,])(\d*\.\d)(\d[^\s),]*)", rb"(?<=[\s(,\"=])([1-9])(\d)(?=[\s),\"])"])
+@pytest.mark.parametrize("name", [*(one for one in WRITERS if not one.endswith((*_BINARY, ".cas"))), "box.xdmf"])
+def test_numbers_of_python_only_are_none(tmp_path: Path, name: str, number: bytes) -> None:
+    """Python reads 0.3_5 as 0.35, and 2_7 as 27; digits of other scripts, too."""
+    path = tmp_path / name
+    WRITERS[name](path)
+    changed = 0
+    for file in path.iterdir() if path.is_dir() else [path]:
+        content = file.read_bytes()
+        file.write_bytes(re.sub(number, rb"\1_\2", content))
+        changed += file.read_bytes() != content
+    assert changed
+    with pytest.raises(InvalidInput):
+        read_mesh(path)
+
+
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [

@@ -65,6 +65,14 @@ def test_a_sector_has_any_angle(kind: str, degrees: float) -> None:
     assert pair.error < 1e-13
 
 
+@pytest.mark.parametrize("kind", ["quad", "tetra"])
+@pytest.mark.parametrize("degrees", [190.0, 240.0, 270.0, 330.0])
+def test_a_sector_of_more_than_half_a_turn_is_no_smaller_one(kind: str, degrees: float) -> None:
+    """A rotation by 270° has the matrix of one by −90°, whose images would lie in the mesh."""
+    with pytest.raises(InvalidInput, match=f"'y0' and 'y1' are {degrees:g}° apart, measured through the mesh"):
+        pairs_of(sector(kind, 10, sectors=360.0 / degrees))
+
+
 @pytest.mark.parametrize("make", [periodic_box, sector])
 @pytest.mark.parametrize("kind", ["quad", "hexahedron"])
 @pytest.mark.parametrize("names", [("a1", "a2", "b1", "b2"), ("a1", "a2", "b2", "b1"), ("a", "y", "b", "c")])

@@ -149,8 +149,10 @@ MOVES: dict[str, tuple[Callable[[Session], Any], str]] = {
         lambda s: s.move(np.full((ROWS, 2), np.nan)),
         r"finite, got nan in row 0.*the solver that sent it",
     ),
+    "dates": (lambda s: s.move(np.zeros((ROWS, 2), "M8[s]")), r"must be numbers: they are datetime64\[s\]"),
+    "text": (lambda s: s.move(np.full((ROWS, 2), "0")), r"must be numbers: they are <U1"),
     "complex numbers": (lambda s: s.move(np.zeros((ROWS, 2), complex)), r"must be numbers: they are complex"),
-    "words": (lambda s: s.move("left"), r"must be numbers.*'left'"),
+    "words": (lambda s: s.move("left"), r"must be numbers: they are <U4"),
     "a patch misspelt": (lambda s: s.move({"blok": np.zeros((ROWS, 2))}), r"\['block'\], got \['blok'\]"),
     "another unit": (lambda s: s.move(np.full((ROWS, 2), -100.0)), r"no valid mesh.*no tested fraction"),
     "a frame that is none": (

@@ -21,8 +21,8 @@ from mesh_motion_server.transport.channel import Channel
 
 
 class SessionStore:
-    def __init__(self, root):
-        self.root = root
+    def __init__(self, root, identity=(0, 0)):
+        self.root, self.identity = root, identity
         root.mkdir(parents=True, exist_ok=True)
 
     def sweep(self):

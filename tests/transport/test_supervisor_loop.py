@@ -74,7 +74,7 @@ def test_a_template_ends_after_the_sessions(scripted: Scripted) -> None:
     supervisor._receive()
     assert supervisor._control.draining
     assert killed(scripted.children[0]) == 0
-    supervisor._stop()
+    supervisor.stop()
     assert killed(scripted.children[0]) == 1
     os.close(lifeline)
 

@@ -26,6 +26,7 @@ from mesh_motion_protocol.errors import (
     Unavailable,
     error_from,
 )
+from mesh_motion_protocol.lacks import way_out_of
 from mesh_motion_protocol.limits import FRAME_BYTES
 from mesh_motion_protocol.messages import REPLIES, ErrorReply, Message
 from mesh_motion_protocol.shared_memory import SharedMemory
@@ -66,7 +67,7 @@ class Connection:
     def __init__(self, endpoint: str, keys: Keys | None = None) -> None:
         self.endpoint = endpoint
         self._process = os.getpid()
-        self._socket: zmq.Socket[bytes] = zmq.Context.instance().socket(zmq.DEALER)
+        self._socket, self._events = _sockets()
         self._socket.setsockopt(zmq.LINGER, 0)  # an unsent request of a closed connection is worthless
         for option in (zmq.SNDTIMEO, zmq.RCVTIMEO):
             self._socket.setsockopt(option, _MOST_MILLISECONDS)
@@ -77,7 +78,6 @@ class Connection:
         self._socket.setsockopt(zmq.HEARTBEAT_IVL, 5_000)
         self._socket.setsockopt(zmq.HEARTBEAT_TIMEOUT, 20_000)
         self._socket.setsockopt(zmq.IPV6, int("[" in str(endpoint)))
-        self._events: zmq.Socket[bytes] = self._socket.get_monitor_socket(_WATCHED)
         try:
             if keys is not None:
                 keys.protect(self._socket)
@@ -238,6 +238,20 @@ def turn(lock: threading.RLock, deadline: float) -> Iterator[None]:
 def seconds_left(deadline: float) -> float:
     """Seconds until ``deadline`` on the monotonic clock, 0 if it has passed."""
     return max(0.0, deadline - time.monotonic())
+
+
+def _sockets() -> tuple[zmq.Socket[bytes], zmq.Socket[bytes]]:
+    """Return a socket, and one with the events of its connection. Raises Unavailable if the system gives none."""
+    made: list[zmq.Socket[bytes]] = []
+    try:
+        made.append(zmq.Context.instance().socket(zmq.DEALER))
+        made.append(made[0].get_monitor_socket(_WATCHED))
+    except zmq.ZMQError as error:
+        for socket in made:
+            socket.close()
+        hint = way_out_of(OSError(error.errno, error.strerror), "end other programs that use the network")
+        raise Unavailable(f"no socket can be made: {error.strerror}", hint=hint) from error
+    return made[0], made[1]
 
 
 def _no_endpoint(text: object) -> InvalidInput:

@@ -11,11 +11,13 @@ import tempfile
 import time
 import weakref
 from collections.abc import Sequence
+from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from mesh_motion_protocol.errors import Unavailable
 from mesh_motion_protocol.ipc_paths import PREFIX, folder_for_sockets
+from mesh_motion_protocol.lacks import way_out_of
 
 __all__ = ["EmbeddedServer"]
 
@@ -44,22 +46,39 @@ class EmbeddedServer:
     Raises
     ------
     Unavailable
-        If the server does not become ready; the message has the server's last output.
+        If the server cannot be started, or does not become ready: the message has the server's last output.
     """
 
     def __init__(self, state: str | os.PathLike[str] | None, timeout: float, options: Sequence[str] = ()) -> None:
         self._timeout = timeout
-        folder, sockets = (
-            Path(tempfile.mkdtemp(prefix=PREFIX, dir=parent)) for parent in (None, folder_for_sockets(_WORKER_SOCKET))
-        )
-        self._cleanup = weakref.finalize(self, _remove, folder, sockets)
-        self._log = folder / "log"
+        folders: list[Path] = []
+        self._cleanup = weakref.finalize(self, _remove, folders)
+        with ExitStack() as opened:
+            try:
+                for parent in (None, folder_for_sockets(_WORKER_SOCKET)):
+                    folders.append(Path(tempfile.mkdtemp(prefix=PREFIX, dir=parent)))
+                log = opened.enter_context(open(folders[0] / "log", "w+b", buffering=0))
+                ready = self._launch(folders, log, state, options)
+            except OSError as error:
+                self._cleanup()
+                raise Unavailable(
+                    f"the embedded server cannot be started: {error}",
+                    hint=way_out_of(error, "set TMPDIR to a folder that can be written and has some megabytes left"),
+                ) from error
+            _RUNNING.add(self)
+            self._await(ready, log)
+
+    def _launch(
+        self, folders: list[Path], log: BinaryIO, state: str | os.PathLike[str] | None, options: Sequence[str]
+    ) -> Path:
+        """Start the process; returns the file that it writes when it is ready."""
+        folder, sockets = folders
         self.endpoint = f"ipc://{sockets}/control"
         ready = folder / "ready.json"
         arguments = ["--endpoint", self.endpoint, "--ready-file", str(ready)]
         arguments += ["--state", str(state if state is not None else folder / "state")]
         reader, self._lifeline = _pipe()
-        with open(self._log, "wb") as log:
+        try:
             self.process = subprocess.Popen(
                 [sys.executable, "-m", "mesh_motion_server", "serve", *arguments, *options],
                 env=os.environ | {_LIFELINE: str(reader), _PRIVATE_FOLDERS: json.dumps([str(folder), str(sockets)])},
@@ -69,23 +88,27 @@ class EmbeddedServer:
                 stderr=log,
                 start_new_session=True,  # Ctrl-C is for the client, which then stops the server in the right order
             )
-        os.close(reader)
-        _RUNNING.add(self)
-        self._await(ready)
+        except OSError:
+            os.close(self._lifeline)
+            raise
+        finally:
+            os.close(reader)
+        return ready
 
-    def _await(self, ready: Path) -> None:
+    def _await(self, ready: Path, log: BinaryIO) -> None:
         deadline = time.monotonic() + self._timeout
         while not ready.exists():
             if self.process.poll() is not None or time.monotonic() > deadline:
-                words, hint = self._last_words()
+                words, hint = self._last_words(log)
                 self.stop()
                 raise Unavailable(f"the embedded server did not become ready: {words}", hint=hint)
             time.sleep(0.01)
         self.endpoint = json.loads(ready.read_text(encoding="utf-8"))["endpoint"]
 
-    def _last_words(self) -> tuple[str, str]:
-        """The server's last output, and a way out of the error."""
-        lines = self._log.read_text(encoding="utf-8", errors="replace").strip().splitlines()
+    def _last_words(self, log: BinaryIO) -> tuple[str, str]:
+        """The server's last output, and a way out of the error; the server may have removed the log from its folder."""
+        said_so_far = os.pread(log.fileno(), os.fstat(log.fileno()).st_size, 0)
+        lines = said_so_far.decode("utf-8", errors="replace").strip().splitlines()
         if not lines:
             return f"no output within {self._timeout} s", "give it more time: timeout=…"
         if "No module named" in lines[-1]:
@@ -124,14 +147,21 @@ def _pipe() -> tuple[int, int]:
     """Return both ends of a pipe with numbers above 2: closed standard descriptors here would be others in a child."""
     import fcntl  # noqa: PLC0415  (not on Windows, where the client can be imported all the same)
 
-    ends = os.pipe()
-    reader, writer = (fcntl.fcntl(end, fcntl.F_DUPFD_CLOEXEC, 3) for end in ends)
-    for end in ends:
-        os.close(end)
+    ends, moved = os.pipe(), list[int]()
+    try:
+        moved += (fcntl.fcntl(end, fcntl.F_DUPFD_CLOEXEC, 3) for end in ends)
+    except OSError:
+        for end in moved:
+            os.close(end)
+        raise
+    finally:
+        for end in ends:
+            os.close(end)
+    reader, writer = moved
     return reader, writer
 
 
-def _remove(*folders: Path) -> None:
+def _remove(folders: list[Path]) -> None:
     for folder in folders:
         shutil.rmtree(folder, ignore_errors=True)
 

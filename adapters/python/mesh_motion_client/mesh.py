@@ -350,10 +350,11 @@ def _check_unpacked(path: str | os.PathLike[str], held: int) -> None:
 def real_numbers(values: ArrayLike, what: str) -> NDArray[np.float64]:
     """The values as a float64 array; no copy if they are one already."""
     try:
-        if np.iscomplexobj(values):
-            raise TypeError("they are complex")
         _refuse_masked(values)
-        return np.asarray(values, dtype=np.float64, order="C")
+        array = np.asarray(values)
+        if array.dtype.kind not in "buifO":  # NumPy would take dates as seconds, and text such as 1_0 as a number
+            raise TypeError(f"they are {array.dtype}")
+        return np.asarray(array, dtype=np.float64, order="C")
     except (TypeError, ValueError) as error:
         raise InvalidInput(f"{what} must be numbers: {error}", code="INVALID_ARGUMENT.DTYPE") from None
 

@@ -25,7 +25,7 @@ from mesh_motion_server.files.gmsh.values import AsciiValues, BinaryValues, Valu
 from mesh_motion_server.files.mesh_file import MeshFile, assemble, by_corners, by_name, group_names
 from mesh_motion_server.files.moved import Place, edit, replaced
 from mesh_motion_server.files.numbering import NumberedRows
-from mesh_motion_server.files.text import text_of
+from mesh_motion_server.files.text import integer, text_of
 
 __all__ = ["GMSH", "read_gmsh"]
 
@@ -131,7 +131,7 @@ def _read_names(content: _Content, text: str) -> None:
     """$PhysicalNames: a count, then ``dimension tag "name"``."""
     for line in text.splitlines()[1:]:
         if match := _NAME.match(line):
-            content.names[int(match[1]), int(match[2])] = match[3]
+            content.names[integer(match[1]), integer(match[2])] = match[3]
 
 
 # --- 4.1 -------------------------------------------------------------------------------------------------------------

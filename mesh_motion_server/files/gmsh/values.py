@@ -8,6 +8,7 @@ from mesh_motion_numerics.arrays import Floats, Integers, Marks
 from numpy.typing import NDArray
 
 from mesh_motion_server.files.moved import Place
+from mesh_motion_server.files.text import integer, number_array
 
 __all__ = ["AsciiValues", "BinaryValues", "Values", "end_of"]
 
@@ -63,7 +64,7 @@ class AsciiValues:
 
     def __init__(self, data: bytes, start: int, name: bytes) -> None:
         self._start, self._stop = start, end_of(data, name, start)
-        self._values = np.array(data[start : self._stop].split(), dtype=np.float64)
+        self._values = number_array(data[start : self._stop].split(), np.float64)
         self._next = 0
 
     @property
@@ -153,7 +154,7 @@ class BinaryValues:
 
     def text_count(self) -> int:
         stop = self._data.index(b"\n", self._next)
-        count = int(self._data[self._next : stop])
+        count = integer(self._data[self._next : stop])
         self._next = stop + 1
         return count
 

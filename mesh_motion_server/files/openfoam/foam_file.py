@@ -21,7 +21,7 @@ from mesh_motion_protocol.errors import InvalidInput
 from numpy.typing import NDArray
 
 from mesh_motion_server.files.packages import check_unpacked, most_unpacked
-from mesh_motion_server.files.text import text_of
+from mesh_motion_server.files.text import number_array, text_of
 
 __all__ = ["FoamFile", "dictionaries"]
 
@@ -197,7 +197,7 @@ class FoamFile:
     def _numbers(self, text: bytes, dtype: type[_T]) -> NDArray[_T]:
         """All numbers of a text; brackets are ignored."""
         try:
-            return np.array(text.translate(_BLANKS).split(), dtype=dtype)
+            return number_array(text.translate(_BLANKS).split(), dtype)
         except (ValueError, OverflowError) as error:
             reason = str(error)
             raise self.refused(f"not a list of numbers: {reason[:70]}{'…' * (len(reason) > 70)}") from None

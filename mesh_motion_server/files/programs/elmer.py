@@ -16,7 +16,7 @@ from mesh_motion_server.files.format import Format
 from mesh_motion_server.files.mesh_file import MeshFile, assemble_elements, concatenated
 from mesh_motion_server.files.moved import edit_lines, move_rows
 from mesh_motion_server.files.numbering import NumberedRows
-from mesh_motion_server.files.text import text_of
+from mesh_motion_server.files.text import integer, real, text_of
 
 __all__ = ["ELMER"]
 
@@ -35,8 +35,8 @@ def _read(path: Path) -> MeshFile:
     """
     try:
         nodes = [line.split() for line in _lines(path / "mesh.nodes")]
-        rows = NumberedRows.of(np.array([int(row[0]) for row in nodes], dtype=np.int64))
-        points = np.array([[float(value) for value in row[2:5]] for row in nodes], dtype=np.float64).reshape(-1, 3)
+        rows = NumberedRows.of(np.array([integer(row[0]) for row in nodes], dtype=np.int64))
+        points = np.array([[real(value) for value in row[2:5]] for row in nodes], dtype=np.float64).reshape(-1, 3)
         elements = [(name, own) for name, _, own in _elements(path / "mesh.elements", rows, 2)]
         names = _boundary_names(path / "mesh.names")
         patches: dict[str, list[Integers]] = defaultdict(list)
@@ -58,7 +58,7 @@ def _elements(path: Path, node_rows: NumberedRows, before: int) -> list[tuple[st
     """Our type, second numbers (m,) and nodes (m, k) of each type's rows; ``before`` numbers come before the type."""
     found: dict[int, list[list[int]]] = defaultdict(list)
     for place, line in enumerate(_lines(path), start=1):
-        row = [int(word) for word in line.split()]
+        row = [integer(word) for word in line.split()]
         kind = row[before]
         if kind // 100 not in _SHAPES or len(row) != before + 1 + kind % 100:
             raise ValueError(f"row {place} of {path.name} is of type {kind}, but has {len(row) - before - 1} nodes")
@@ -74,7 +74,7 @@ def _elements(path: Path, node_rows: NumberedRows, before: int) -> list[tuple[st
 def _boundary_names(path: Path) -> dict[int, str]:
     """{number: name} of the boundaries, the last names in mesh.names; this file may be missing."""
     text = text_of(path.read_bytes()) if path.is_file() else ""
-    return {int(number): name for name, number in _NAME.findall(_HEADING.split(text)[-1])}
+    return {integer(number): name for name, number in _NAME.findall(_HEADING.split(text)[-1])}
 
 
 def _move(source: Path, target: Path, points: Floats) -> None:

@@ -22,7 +22,7 @@ from mesh_motion_server.files.format import Format
 from mesh_motion_server.files.mesh_file import MeshFile, assemble_elements, by_name
 from mesh_motion_server.files.moved import companions, edit
 from mesh_motion_server.files.replace import replacing
-from mesh_motion_server.files.text import text_of
+from mesh_motion_server.files.text import integer, real, text_of
 from mesh_motion_server.files.vtk.grid import KNOWN_TYPES, lattice, structured_cells
 from mesh_motion_server.files.vtk.pieces import numbering
 
@@ -61,7 +61,7 @@ class _Text:
         while len(found) < count:
             if self.place >= len(self.lines):
                 raise ValueError(f"the file ends where {count - len(found)} more numbers are expected")
-            found += map(kind, self.text().split())
+            found += map(integer if kind is int else real, self.text().split())
         if len(found) > count:
             raise ValueError(f"{len(found)} numbers, expected {count}")
         self._ends[begin] = self.place

@@ -24,7 +24,7 @@ from mesh_motion_server.files.polyhedra.cells import find_cells
 from mesh_motion_server.files.polyhedra.face_mesh import from_sides
 from mesh_motion_server.files.polyhedra.pieces import divide
 from mesh_motion_server.files.polyhedra.polygons import polygons
-from mesh_motion_server.files.text import text_of
+from mesh_motion_server.files.text import integer, number_array, text_of
 
 __all__ = ["FLUENT", "FLUENT_HDF5"]
 
@@ -94,9 +94,9 @@ def _read_sections(data: bytes) -> _Content:
         header = _HEADER.match(data, section.end())
         has_body = header is not None and data[header.end() : header.end() + 1] == b"("
         words = header[1].split() if header and has_body and index in (*_NODES, *_FACES) else []
-        if header and words and int(words[0], 16):
+        if header and words and integer(words[0], 16):
             read = _read_nodes if index in _NODES else _read_faces
-            numbers = [int(word, 16) for word in words]
+            numbers = [integer(word, 16) for word in words]
             position = _behind(data, read(content, data, header.end() + 1, numbers, (_NODES | _FACES)[index]))
             continue
         if index % 1000 in _TREES:
@@ -142,7 +142,7 @@ def _read_nodes(content: _Content, data: bytes, start: int, header: list[int], k
     _, first, last, *more = header
     width = more[1] if len(more) > 1 else content.dimension
     count = (last - first + 1) * width
-    values, end = _values(data, start, count, kind, lambda words: np.array(words, dtype=np.float64))
+    values, end = _values(data, start, count, kind, lambda words: number_array(words, np.float64))
     if kind:
         size = np.dtype(kind).itemsize
         content.places.append(Place(last - first + 1, start, width * size, dtype=f"<{kind}"))
@@ -164,7 +164,9 @@ def _read_faces(content: _Content, data: bytes, start: int, header: list[int], k
         rest = np.frombuffer(data, f"<{kind}", (len(data) - start) // size, start)
         of_each = _sizes(rest, first, last)
         most = sum(of_each) + 3 * count
-    values, end = _values(data, start, most, kind, lambda words: np.array([int(word, 16) for word in words], np.int64))
+    values, end = _values(
+        data, start, most, kind, lambda words: np.array([integer(word, 16) for word in words], np.int64)
+    )
     if face_type in _OF_ANY_SIZE:
         sizes = np.array(of_each or _sizes(values.tolist(), first, last), dtype=np.int64)
         if (more := len(values) - int(sizes.sum()) - 3 * count) > 0:

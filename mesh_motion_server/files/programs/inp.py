@@ -24,7 +24,7 @@ from mesh_motion_server.files.mesh_file import MeshFile, all_outside, assemble_e
 from mesh_motion_server.files.moved import edit_lines, move_rows
 from mesh_motion_server.files.numbering import NumberedRows
 from mesh_motion_server.files.sides import ABAQUS, PLANES, SHELLS, SOLIDS, side_nodes
-from mesh_motion_server.files.text import text_of
+from mesh_motion_server.files.text import integer, real, text_of
 
 __all__ = ["ABAQUS_INP"]
 
@@ -178,7 +178,7 @@ def _add_nodes(found: _Content, given: dict[str, str], lines: list[str]) -> None
     if given.get("SYSTEM", "R").upper() != "R":
         raise ValueError(f"SYSTEM={given['SYSTEM']}, expected Cartesian coordinates")
     rows = [_words(line) for line in lines]
-    found.numbers.append(np.array([int(row[0]) for row in rows], dtype=np.int64))
+    found.numbers.append(np.array([integer(row[0]) for row in rows], dtype=np.int64))
     xyz = [[_real(word) for word in (row[1:4] + ["0"] * 3)[:3]] for row in rows]
     found.points.append(np.array(xyz, dtype=np.float64).reshape(-1, 3))
     found.of_nodes.add(given.get("NSET", ""))
@@ -201,7 +201,7 @@ def _words(line: str) -> list[str]:
 
 def _real(word: str) -> float:
     """A number, of which Fortran may have written the exponent: 1.5D-3."""
-    return float(word.upper().replace("D", "E"))
+    return real(word.upper().replace("D", "E"))
 
 
 def _plain(found: _Content, word: str) -> str:
@@ -212,7 +212,7 @@ def _plain(found: _Content, word: str) -> str:
 def _items(found: _Content, words: list[str]) -> list[_Item]:
     """Numbers, and names of other sets."""
     plain = [_plain(found, word) for word in words]
-    return [int(word) if word.lstrip("-").isdigit() else word for word in plain]
+    return [integer(word) if word.lstrip("-").isdigit() else word for word in plain]
 
 
 def _listed(content: _Content, lines: list[str], *, generate: bool) -> list[_Item]:
@@ -221,7 +221,7 @@ def _listed(content: _Content, lines: list[str], *, generate: bool) -> list[_Ite
         return [item for line in lines for item in _items(content, _words(line))]
     found: list[_Item] = []
     for line in lines:
-        first, last, *step = (int(word) for word in _words(line))
+        first, last, *step = (integer(word) for word in _words(line))
         numbers = range(first, last + 1, *step)
         if last - first >= _MOST_GENERATED * abs(numbers.step):
             raise ValueError(f"more than {_MOST_GENERATED} numbers from {first} to {last}")
@@ -234,12 +234,14 @@ def _add_elements(found: _Content, given: dict[str, str], lines: list[str]) -> N
     kind = given["TYPE"].upper()
     matches = ((family.match(kind), types, shell) for family, types, shell in _FAMILIES)
     size, types, shell = next(
-        ((int(match[1]), types, shell) for match, types, shell in matches if match), (0, {}, False)
+        ((integer(match[1]), types, shell) for match, types, shell in matches if match), (0, {}, False)
     )
     if size not in types:
-        found.left_out[kind] |= {int(words[0]) for line in lines if (words := _words(line)) and words[0].isdecimal()}
+        found.left_out[kind] |= {
+            integer(words[0]) for line in lines if (words := _words(line)) and words[0].isdecimal()
+        }
         return
-    flat = np.array([int(word) for line in lines for word in _words(line)], dtype=np.int64)
+    flat = np.array([integer(word) for line in lines for word in _words(line)], dtype=np.int64)
     if len(flat) % (size + 1):
         gmsh = "; Gmsh calls wedges of 18 nodes so: set its option Mesh.SecondOrderIncomplete = 1"
         more = gmsh if (size, len(flat) % 19) == (6, 0) else ""
@@ -283,7 +285,7 @@ def _mesh(path: Path, found: _Content) -> MeshFile:
     parts_of: dict[str, list[tuple[int, Integers]]] = defaultdict(list)
     for name, parts in found.surfaces.items():
         for items, side in parts:
-            own = np.array([int(items)]) if items.isdigit() else _flat(found.element_sets, items)
+            own = np.array([integer(items)]) if items.isdigit() else _flat(found.element_sets, items)
             _require_read(found, own)
             for of in _surface(blocks, own, side, plane=dimension == 2):
                 parts_of[name].append((dimension - 1, of.ravel()))
@@ -339,7 +341,7 @@ def _surface(blocks: list[_Block], own: Integers, side: str, *, plane: bool) -> 
     for block in blocks:
         chosen = block.nodes[np.isin(block.ids, own)]
         as_shell = block.shell or found[1] != "S"
-        number = int(found[2] or 1) + 2 * (found[1] == "E")
+        number = integer(found[2] or "1") + 2 * (found[1] == "E")
         if not (plane and as_shell and number <= 2):
             sides = np.full(len(chosen), number)
             yield side_nodes(block.name, chosen, sides, SHELLS if as_shell else ABAQUS)

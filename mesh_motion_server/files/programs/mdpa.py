@@ -20,7 +20,7 @@ from mesh_motion_server.files.mesh_file import MeshFile, all_outside, assemble_e
 from mesh_motion_server.files.moved import edit_lines, move_rows
 from mesh_motion_server.files.numbering import NumberedRows
 from mesh_motion_server.files.sides import PLANES, SOLIDS
-from mesh_motion_server.files.text import text_of
+from mesh_motion_server.files.text import integer, real, text_of
 
 __all__ = ["KRATOS"]
 
@@ -92,8 +92,8 @@ def _content(text: str) -> _Content:
         try:
             match head[0]:
                 case "Nodes":
-                    found.numbers.append(np.array([int(row[0]) for row in rows], dtype=np.int64))
-                    xyz = [[float(value) for value in row[1:4]] for row in rows]
+                    found.numbers.append(np.array([integer(row[0]) for row in rows], dtype=np.int64))
+                    xyz = [[real(value) for value in row[1:4]] for row in rows]
                     found.points.append(np.array(xyz, dtype=np.float64).reshape(-1, 3))
                 case "Elements" if rows:
                     found.elements.append(_rows(head, rows))
@@ -102,11 +102,11 @@ def _content(text: str) -> _Content:
                 case "Conditions" if rows:
                     found.conditions.append(_rows(head, rows))
                 case "SubModelPartNodes":
-                    part.nodes += [int(word) for row in rows for word in row]
+                    part.nodes += [integer(word) for row in rows for word in row]
                 case "SubModelPartConditions":
-                    part.conditions += [int(word) for row in rows for word in row]
+                    part.conditions += [integer(word) for row in rows for word in row]
                 case "SubModelPartGeometries":
-                    part.geometries += [int(word) for row in rows for word in row]
+                    part.geometries += [integer(word) for row in rows for word in row]
                 case "SubModelPartElements":
                     part.has_elements |= bool(rows)
         except (ValueError, IndexError) as error:
@@ -123,7 +123,7 @@ def _rows(head: list[str], rows: list[list[str]]) -> tuple[str, Integers, Intege
     usual = _PLANES if named is not None and (named[1] == "2" or head[0] == "Conditions") else _SOLIDS
     types = next((types for form, types in _NAMED if form.search(name)), usual)
     if size == 1:
-        return "", np.array([int(row[0]) for row in rows]), np.array([[int(row[-1])] for row in rows])
+        return "", np.array([integer(row[0]) for row in rows]), np.array([[integer(row[-1])] for row in rows])
     if size not in types:
         raise ValueError(f"{size} nodes, expected one of {', '.join(map(str, types))}")
     wrong = next((row for row in rows if len(row) != size + before), None)

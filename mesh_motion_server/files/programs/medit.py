@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from mesh_motion_server.files.format import Format
 from mesh_motion_server.files.mesh_file import MeshFile, assemble_elements, by_name, named_groups
 from mesh_motion_server.files.moved import Place, edit, replaced
+from mesh_motion_server.files.text import integer, number_array
 
 __all__ = ["MEDIT"]
 
@@ -138,7 +139,7 @@ class _Sections:
         words = self._words("Dimension")
         if words[:1] not in ([b"2"], [b"3"]):
             raise ValueError(f"Dimension {b' '.join(words[:1]).decode()!r}, expected 2 or 3")
-        return int(words[0])
+        return integer(words[0])
 
     def points(self) -> Floats:
         """(n, d) the vertices."""
@@ -156,10 +157,10 @@ class _Sections:
 
     def _numbers(self, keyword: str, width: int) -> Floats:
         words = self._words(keyword)
-        count = int(words[0]) if words else 0
+        count = integer(words[0]) if words else 0
         if len(words) - 1 != count * width:
             raise ValueError(f"{count} {keyword} of {width} numbers, but {max(len(words) - 1, 0)} numbers")
-        return np.array(words[1:], dtype=np.float64).reshape(count, width)
+        return number_array(words[1:], np.float64).reshape(count, width)
 
     def _words(self, keyword: str) -> list[bytes]:
         if keyword not in self.places:

@@ -20,7 +20,7 @@ from mesh_motion_protocol.errors import InvalidInput
 from mesh_motion_server.files.format import Format
 from mesh_motion_server.files.mesh_file import MeshFile, assemble_elements, by_corners, concatenated
 from mesh_motion_server.files.moved import Place, edit, replaced
-from mesh_motion_server.files.text import text_of
+from mesh_motion_server.files.text import integer, number_array, text_of
 
 __all__ = ["MFEM"]
 
@@ -121,15 +121,15 @@ class _Words:
         except ValueError:
             raise ValueError(f"there is no {title}") from None
         found: dict[str, list[list[int]]] = defaultdict(list)
-        count = int(self._words[place])
+        count = integer(self._words[place])
         place += 1
         for row in range(count):
-            attribute, code = (int(word) for word in self._words[place : place + 2])
+            attribute, code = (integer(word) for word in self._words[place : place + 2])
             if code not in _TYPES:
                 raise ValueError(f"row {row} of {title} is of geometry {code}, expected 0 to 7")
             name = _TYPES[code]
             size = CELL_TYPES[name].n_nodes if name else 1
-            nodes = [int(word) for word in self._words[place + 2 : place + 2 + size]]
+            nodes = [integer(word) for word in self._words[place + 2 : place + 2 + size]]
             if len(nodes) < size:
                 raise ValueError(f"{title} end in row {row} of {count}")
             found[name].append([row, attribute, *nodes])
@@ -145,11 +145,11 @@ class _Words:
         found: dict[int, list[str]] = defaultdict(list)
         if not self._words[place : place + 1] or not self._words[place].endswith("attribute_sets"):
             return found
-        count, place = int(self._words[place + 1]), place + 2
+        count, place = integer(self._words[place + 1]), place + 2
         for _ in range(count):
-            name, size = self._words[place], int(self._words[place + 1])
+            name, size = self._words[place], integer(self._words[place + 1])
             for word in self._words[place + 2 : place + 2 + size]:
-                found[int(word)].append(name)
+                found[integer(word)].append(name)
             place += 2 + size
         return found
 
@@ -173,7 +173,7 @@ def _coordinates(data: bytes) -> _Coordinates:
         width = int(begin[2])
     end = _END.search(data, start)
     text = (start, end.start() if end else len(data))
-    values = np.array(data[slice(*text)].split(), dtype=np.float64)
+    values = number_array(data[slice(*text)].split(), np.float64)
     count = len(values) // max(width, 1)
     if width not in (1, 2, 3) or count * width != len(values) or (order == 1 and count != vertices):
         expected = f"{vertices * width}" if order == 1 else f"a multiple of {width}"

@@ -22,7 +22,7 @@ from mesh_motion_server.files.format import Format
 from mesh_motion_server.files.mesh_file import MeshFile, assemble_elements, by_name, named_groups
 from mesh_motion_server.files.moved import edit_lines
 from mesh_motion_server.files.numbering import NumberedRows
-from mesh_motion_server.files.text import text_of
+from mesh_motion_server.files.text import integer, real, text_of
 
 __all__ = ["NASTRAN"]
 
@@ -89,21 +89,21 @@ class _Content:
     def take(self, name: str, fields: list[str]) -> None:
         """Add a card; cards that do not describe the mesh are skipped."""
         if name == "GRID":
-            self.numbers.append(int(fields[0]))
-            self.systems.append(int(fields[1] or -1))
+            self.numbers.append(integer(fields[0]))
+            self.systems.append(integer(fields[1] or "-1"))
             self.points.append([_real(word) for word in fields[2:5]])
         elif name in _ELEMENTS:
             kind, most = _ELEMENTS[name]
             count = CELL_TYPES[kind].n_nodes
-            nodes = [int(word or 0) for word in fields[2 : 2 + most]]
+            nodes = [integer(word or "0") for word in fields[2 : 2 + most]]
             if len(nodes) < count or min(nodes[:count]) < 1:
                 raise ValueError(f"nodes {nodes}, expected {count} numbers from 1")
-            self.elements[kind, most].append([int(fields[1] or fields[0]), *nodes, *[0] * (most - len(nodes))])
+            self.elements[kind, most].append([integer(fields[1] or fields[0]), *nodes, *[0] * (most - len(nodes))])
         elif name == "GRDSET":
-            self.usual = int(fields[1] or 0)
+            self.usual = integer(fields[1] or "0")
         elif name in ("CORD2R", "CORD2C", "CORD2S"):
             origin, above, beyond = np.array([_real(word) for word in fields[2:11]]).reshape(3, 3)
-            self.axes[int(fields[0])] = _Axes(name[-1], int(fields[1] or 0), origin, above, beyond)
+            self.axes[integer(fields[0])] = _Axes(name[-1], integer(fields[1] or "0"), origin, above, beyond)
 
     def places(self) -> Floats:
         """(n, 3) the nodes in the basic coordinate system.
@@ -205,9 +205,9 @@ def _fields(line: str) -> tuple[str, list[str]]:
 def _real(word: str) -> float:
     """A number: 1.5, .5, 1.5D-3, 1.5-3; blank is zero."""
     try:
-        return float(word or 0)
+        return real(word or "0")
     except ValueError:
-        return float(_EXPONENT.sub("E", word.upper().replace("D", "E")) if "E" not in word.upper() else word)
+        return real(_EXPONENT.sub("E", word.upper().replace("D", "E")) if "E" not in word.upper() else word)
 
 
 def _content(lines: list[str]) -> _Content:
@@ -225,7 +225,7 @@ def _content(lines: list[str]) -> _Content:
 def _mesh(path: Path, lines: list[str]) -> MeshFile:
     found = _content(lines)
     rows = NumberedRows.of(np.array(found.numbers, dtype=np.int64))
-    names = {int(number): name for form in _NAMES for number, name in form.findall("\n".join(lines))}
+    names = {integer(number): name for form in _NAMES for number, name in form.findall("\n".join(lines))}
     dimension = max((CELL_TYPES[kind].dimension for kind, _ in found.elements), default=0)
     elements: list[tuple[str, Integers]] = []
     groups: dict[tuple[int, int | str], list[Integers]] = defaultdict(list)

@@ -15,7 +15,7 @@ from mesh_motion_server.files.format import Format
 from mesh_motion_server.files.mesh_file import MeshFile, assemble_elements, concatenated
 from mesh_motion_server.files.moved import edit_lines, move_rows
 from mesh_motion_server.files.sides import PLANES, SOLIDS
-from mesh_motion_server.files.text import text_of
+from mesh_motion_server.files.text import integer, real, text_of
 
 __all__ = ["NETGEN"]
 
@@ -36,7 +36,7 @@ def _sections(lines: list[str]) -> dict[str, tuple[int, list[str]]]:
         place += 1
         if word not in _SECTIONS:
             continue
-        count, first = int(lines[place]), place + 1
+        count, first = integer(lines[place]), place + 1
         rows: list[str] = []
         place += 1
         while len(rows) < count:
@@ -64,9 +64,17 @@ def _lines(data: bytes) -> list[str]:
     return ["" if line.startswith(b"#") else text_of(line) for line in data.splitlines()]
 
 
+def _reals(lines: list[str], width: int) -> Floats:
+    """(n, width) the first numbers of each line."""
+    rows = [[real(word) for word in line.split()[:width]] for line in lines]
+    return np.array(rows, dtype=np.float64).reshape(-1, width)
+
+
 def _mesh(path: Path, sections: dict[str, list[str]]) -> MeshFile:
-    points = np.array([line.split() for line in sections.get("points", [])], dtype=np.float64).reshape(-1, 3)
-    names = {int(line.split()[0]): " ".join(line.split()[1:]) for line in sections.get("bcnames", [])}
+    points = np.array([list(map(real, line.split())) for line in sections.get("points", [])], dtype=np.float64).reshape(
+        -1, 3
+    )
+    names = {integer(line.split()[0]): " ".join(line.split()[1:]) for line in sections.get("bcnames", [])}
     surface = [row for key, rows in sections.items() if key.startswith("surfaceelements") for row in rows]
     faces = _elements(surface, 4, len(points))
     solids = _elements(sections.get("volumeelements", []), 1, len(points))
@@ -89,11 +97,11 @@ def _elements(rows: list[str], before: int, n_points: int) -> dict[int, tuple[In
     found: dict[int, list[list[int]]] = defaultdict(list)
     for place, line in enumerate(rows, start=1):
         words = line.split()
-        size = int(words[before])
+        size = integer(words[before])
         if size not in (SOLIDS if before == 1 else PLANES) or len(words) < before + 1 + size:
             what = "volumeelements" if before == 1 else "surfaceelements"
             raise ValueError(f"row {place} of {what} has {size} nodes, but {len(words) - before - 1} numbers follow")
-        found[size].append([int(word) for word in words[: before + 1 + size]])
+        found[size].append([integer(word) for word in words[: before + 1 + size]])
     parts = {}
     for size, listed in found.items():
         values = np.array(listed, dtype=np.int64)
@@ -104,13 +112,17 @@ def _elements(rows: list[str], before: int, n_points: int) -> dict[int, tuple[In
 def _segments(sections: dict[str, list[str]], n_points: int) -> dict[int, tuple[Integers, Integers]]:
     """The same of the edges in the plane; newer files have the number of a descriptor, from 0, in each row."""
     if "edgesegmentsgi3" in sections:
-        rows = np.array([line.split() for line in sections["edgesegmentsgi3"]], dtype=np.float64).reshape(-1, 7)
-        descriptors = [int(line.split()[0]) for line in sections["edgedescriptors"]]
+        rows = np.array(
+            [list(map(real, line.split())) for line in sections["edgesegmentsgi3"]], dtype=np.float64
+        ).reshape(-1, 7)
+        descriptors = [integer(line.split()[0]) for line in sections["edgedescriptors"]]
         conditions = np.array(descriptors, dtype=np.int64)[rows[:, 6].astype(np.int64)]
         nodes = rows[:, :2]
     else:
-        rows = np.array([line.split()[:4] for line in sections.get("edgesegmentsgi2", [])], dtype=np.float64)
-        conditions, nodes = rows.reshape(-1, 4)[:, 0].astype(np.int64), rows.reshape(-1, 4)[:, 2:]
+        rows = np.array(
+            [list(map(real, line.split()[:4])) for line in sections.get("edgesegmentsgi2", [])], dtype=np.float64
+        )
+        conditions, nodes = rows[:, 0].astype(np.int64), rows[:, 2:]
     return {2: (conditions, _rows(nodes.astype(np.int64), n_points))}
 
 

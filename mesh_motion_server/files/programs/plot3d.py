@@ -22,6 +22,7 @@ from mesh_motion_server.files.format import Format
 from mesh_motion_server.files.mesh_file import MeshFile, assemble
 from mesh_motion_server.files.moved import edit
 from mesh_motion_server.files.packages import check_unpacked
+from mesh_motion_server.files.text import number_array
 from mesh_motion_server.files.vtk.grid import structured_cells
 from mesh_motion_server.files.vtk.pieces import PatchKey, VtkPiece, renumbered
 
@@ -119,7 +120,7 @@ def _numbers(path: Path, data: bytes) -> bytearray | Floats:
         return bytearray(data)
     check_unpacked(path, len(data), sum(int(count) * 8 for count in re.findall(rb"(\d+)\*", data)))
     text = re.sub(rb"(\d+)\*(\S+)", lambda found: (found[2] + b" ") * int(found[1]), data.replace(b",", b" "))
-    return np.array(re.sub(rb"[dD]", b"e", text).split(), dtype=np.float64)
+    return number_array(re.sub(rb"[dD]", b"e", text).split(), np.float64)
 
 
 def _read(path: Path) -> MeshFile:

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from mesh_motion_server.files.format import Format
 from mesh_motion_server.files.mesh_file import MeshFile, assemble, chosen_zone
 from mesh_motion_server.files.moved import edit_lines, move_rows
-from mesh_motion_server.files.text import text_of
+from mesh_motion_server.files.text import integer, text_of
 
 __all__ = ["SU2", "read_su2"]
 
@@ -60,20 +60,20 @@ class _Zone:
             raise ValueError(f"{key}= appears twice in one zone")
         match key:
             case "NDIME":
-                self.dimension = int(value)
+                self.dimension = integer(value)
                 if not 1 <= self.dimension <= 3:
                     raise ValueError(f"NDIME= {value}, expected 2 or 3")
             case "NPOIN":
-                self.points = _counted(rows, int(value.split(maxsplit=1)[0]), key)
+                self.points = _counted(rows, integer(value.split(maxsplit=1)[0]), key)
             case "NELEM":
-                self.cells = _elements(_counted(rows, int(value.split(maxsplit=1)[0]), key), _CELLS)
+                self.cells = _elements(_counted(rows, integer(value.split(maxsplit=1)[0]), key), _CELLS)
             case "NMARK":
-                self.markers_left += int(value)
+                self.markers_left += integer(value)
             case "MARKERTAG":
                 self.marker = value
                 self.markers_left -= 1
             case "MARKERELEMS":
-                elements = _counted(rows, int(value.split(maxsplit=1)[0]), key)
+                elements = _counted(rows, integer(value.split(maxsplit=1)[0]), key)
                 if self.marker != _HALO:
                     self.add_marker(self.marker, elements)
 
@@ -122,7 +122,7 @@ def _read_zones(text: str) -> dict[str, _Zone]:
     zones: dict[str, _Zone] = {}
     for key, value, rows in _sections(text):
         if key == "NZONE":
-            announced = int(value)
+            announced = integer(value)
         elif key == "IZONE":
             zone = zones[value] = _Zone()
         else:

@@ -16,7 +16,7 @@ from mesh_motion_server.files.format import Format
 from mesh_motion_server.files.mesh_file import MeshFile, assemble_elements, by_name, named_groups
 from mesh_motion_server.files.moved import edit_lines, move_rows
 from mesh_motion_server.files.numbering import NumberedRows
-from mesh_motion_server.files.text import text_of
+from mesh_motion_server.files.text import integer, text_of
 
 __all__ = ["UCD"]
 
@@ -31,7 +31,7 @@ _TYPES = {
 def _counted(lines: list[str]) -> tuple[int, list[list[str]], list[list[str]]]:
     """The line of the first node, and the words of all nodes and of all cells."""
     head = next((place for place, line in enumerate(lines) if line.split() and not line.lstrip().startswith("#")), -1)
-    n_nodes, n_cells = (int(word) for word in lines[head].split()[:2])
+    n_nodes, n_cells = (integer(word) for word in lines[head].split()[:2])
     rows = [words for line in lines[head + 1 :] if (words := line.split()) and not words[0].startswith("#")]
     if len(rows) < n_nodes + n_cells:
         raise ValueError(f"{n_nodes} nodes and {n_cells} cells, but {len(rows)} rows follow")
@@ -42,13 +42,13 @@ def _read(path: Path) -> MeshFile:
     """Read a mesh. Raises InvalidInput for unknown types of cells, nodes that do not exist, and malformed rows."""
     try:
         _, nodes, cells = _counted([text_of(line) for line in path.read_bytes().splitlines()])
-        rows = NumberedRows.of(np.array([int(row[0]) for row in nodes], dtype=np.int64))
+        rows = NumberedRows.of(np.array([integer(row[0]) for row in nodes], dtype=np.int64))
         points = np.array([row[1:4] for row in nodes], dtype=np.float64).reshape(-1, 3)
         found: dict[str, list[list[int]]] = defaultdict(list)
         for number, material, kind, *corners in cells:
             if kind not in _TYPES or len(corners) != len(_TYPES[kind][1]):
                 raise ValueError(f"cell {number} is a {kind!r} of {len(corners)} nodes; known are {', '.join(_TYPES)}")
-            found[kind].append([int(material), *(int(word) for word in corners)])
+            found[kind].append([integer(material), *(integer(word) for word in corners)])
         elements = {name: np.array(listed, dtype=np.int64) for name, listed in found.items() if name != "pt"}
         return _mesh(path, points, elements, rows)
     except (ValueError, IndexError, OverflowError) as error:

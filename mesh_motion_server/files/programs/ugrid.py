@@ -20,7 +20,7 @@ from mesh_motion_protocol.errors import InvalidInput
 from mesh_motion_server.files.format import Format
 from mesh_motion_server.files.mesh_file import MeshFile, assemble, concatenated
 from mesh_motion_server.files.moved import Place, edit, replaced
-from mesh_motion_server.files.text import text_of
+from mesh_motion_server.files.text import integer, number_array, text_of
 
 __all__ = ["UGRID"]
 
@@ -78,13 +78,13 @@ def _layouts(data: bytes) -> Iterator[tuple[str, int, int, tuple[int, ...]]]:
 
 def _text(data: bytes) -> _Content:
     words = data.split()
-    counts = tuple(int(word) for word in words[:7])
+    counts = tuple(integer(word) for word in words[:7])
     end = 7 + 3 * counts[0]
     size = _size(counts)
     if len(words) < end + size:
         raise ValueError(f"{end + size} numbers by its first line, but {len(words)}")
-    points = np.array(words[7:end], dtype=np.float64).reshape(-1, 3)
-    integers = np.array(words[end : end + size], dtype=np.int64)
+    points = number_array(words[7:end], np.float64).reshape(-1, 3)
+    integers = number_array(words[end : end + size], np.int64)
     return _Content(counts, Place(counts[0], 7, 3, text=(0, len(data))), points, integers)
 
 
@@ -136,9 +136,9 @@ def _names(path: Path) -> tuple[dict[int, str], set[str]]:
     for line in text_of(conditions.read_bytes()).splitlines()[1:]:  # the first line counts them
         number, kind, *name = line.partition("!")[0].split(maxsplit=2) or ["", ""]
         if number:
-            names[int(number)] = " ".join(name).strip() or number
-            if int(kind) in _SYMMETRY:
-                symmetric.add(names[int(number)])
+            names[integer(number)] = " ".join(name).strip() or number
+            if integer(kind) in _SYMMETRY:
+                symmetric.add(names[integer(number)])
     return names, symmetric
 
 

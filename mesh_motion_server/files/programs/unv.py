@@ -19,7 +19,7 @@ from mesh_motion_server.files.format import Format
 from mesh_motion_server.files.mesh_file import MeshFile, assemble_elements, by_name
 from mesh_motion_server.files.moved import edit_lines
 from mesh_motion_server.files.numbering import NumberedRows
-from mesh_motion_server.files.text import text_of
+from mesh_motion_server.files.text import integer, real, text_of
 
 __all__ = ["UNV"]
 
@@ -84,7 +84,7 @@ def _datasets(lines: list[str]) -> Iterator[tuple[int, int, int]]:
     for begin, end in zip(fences[::2], fences[1::2], strict=True):
         head = lines[begin + 1].split()[:1]
         if begin + 1 < end and head and head[0].isdecimal():
-            yield int(head[0]), begin + 2, end
+            yield integer(head[0]), begin + 2, end
 
 
 def _content(lines: list[str]) -> _Content:
@@ -101,7 +101,7 @@ def _content(lines: list[str]) -> _Content:
                     place = _group(found, lines, place, _GROUP_WORDS[number])
                 elif number == _RESTRAINED:
                     name = re.sub(r"\s*\(\s*\d+\s*\)$", "", lines[place + 1].strip()) or lines[place].strip()
-                    found.groups.append((name, [int(line.split()[0]) for line in lines[place + 2 : end]], []))
+                    found.groups.append((name, [integer(line.split()[0]) for line in lines[place + 2 : end]], []))
                     place = end
                 else:
                     break
@@ -116,16 +116,16 @@ def _content(lines: list[str]) -> _Content:
 def _node(found: _Content, lines: list[str], place: int, count: int) -> int:
     words = lines[place].split()
     xyz = words[4:7] if count == 1 else lines[place + 1].split()[:3]
-    values = [float(word.upper().replace("D", "E")) for word in xyz]
+    values = [real(word.upper().replace("D", "E")) for word in xyz]
     if len(values) != 3:
         raise ValueError(f"a node of {len(values)} coordinates, expected 3")
-    found.numbers.append(int(words[0]))
+    found.numbers.append(integer(words[0]))
     found.points.append(values)
     return place + count
 
 
 def _element(found: _Content, lines: list[str], place: int, n_words: int) -> int:
-    words = [int(word) for word in lines[place].split()[:n_words]]
+    words = [integer(word) for word in lines[place].split()[:n_words]]
     if len(words) < n_words:
         raise ValueError(f"an element of {len(words)} numbers, expected {n_words}")
     number, code, count = words[0], words[1], words[-1]
@@ -134,7 +134,7 @@ def _element(found: _Content, lines: list[str], place: int, n_words: int) -> int
     place += 2 if code in _BEAMS else 1
     nodes: list[int] = []
     while len(nodes) < count:
-        row = [int(word) for word in lines[place].split()]
+        row = [integer(word) for word in lines[place].split()]
         if not row:
             raise ValueError(f"element {number} has {len(nodes)} nodes, expected {count}")
         nodes += row
@@ -146,12 +146,12 @@ def _element(found: _Content, lines: list[str], place: int, n_words: int) -> int
 
 
 def _group(found: _Content, lines: list[str], place: int, n_words: int) -> int:
-    head = [int(word) for word in lines[place].split()]
+    head = [integer(word) for word in lines[place].split()]
     count, name = head[-1], lines[place + 1].strip() or str(head[0])
     values: list[int] = []
     place += 2
     while len(values) < n_words * count:
-        row = [int(word) for word in lines[place].split()]
+        row = [integer(word) for word in lines[place].split()]
         if not row:
             raise ValueError(f"group {name!r} has {len(values) // n_words} entities, expected {count}")
         values += row

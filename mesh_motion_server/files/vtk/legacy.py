@@ -11,7 +11,7 @@ from mesh_motion_numerics.arrays import Floats, Integers
 from numpy.typing import NDArray
 
 from mesh_motion_server.files.moved import Place
-from mesh_motion_server.files.text import text_of
+from mesh_motion_server.files.text import integer, number_array, real, text_of
 from mesh_motion_server.files.vtk.grid import POLYHEDRON, CellFaces, VtkGrid, lattice, structured_cells
 
 __all__ = ["Legacy", "read_legacy"]
@@ -84,7 +84,7 @@ def read_legacy(data: bytes) -> Legacy:
         words = line.split()
         key = words[0].upper()
         if key in ("POINT_DATA", "CELL_DATA"):
-            owner, rows = key, int(words[1])
+            owner, rows = key, integer(words[1])
         elif key == "METADATA":
             file.skip_metadata()
         elif owner or key == "FIELD":
@@ -103,22 +103,22 @@ def _read_structure(file: "_Cursor", content: Legacy, key: str, words: list[str]
                 surface = "a surface (POLYDATA)" if content.kind == "POLYDATA" else f"a grid of type {content.kind}"
                 raise ValueError(f"{surface}, expected {', '.join(_KINDS)}")
         case "DIMENSIONS":
-            content.counts = [int(word) for word in words[1:4]]
+            content.counts = [integer(word) for word in words[1:4]]
         case "SPACING" | "ASPECT_RATIO":
-            content.spacing = [float(word) for word in words[1:4]]
+            content.spacing = [real(word) for word in words[1:4]]
         case "ORIGIN":
-            content.origin = [float(word) for word in words[1:4]]
+            content.origin = [real(word) for word in words[1:4]]
         case "POINTS":
-            content.places = [file.place(int(words[1]), words[2])]
-            content.points = file.values(3 * int(words[1]), words[2]).astype(np.float64).reshape(-1, 3)
+            content.places = [file.place(integer(words[1]), words[2])]
+            content.points = file.values(3 * integer(words[1]), words[2]).astype(np.float64).reshape(-1, 3)
             if not file.binary:
-                content.places = [Place(int(words[1]), 0, 3, text=(content.places[0].text[0], file.position))]
+                content.places = [Place(integer(words[1]), 0, 3, text=(content.places[0].text[0], file.position))]
         case "X_COORDINATES" | "Y_COORDINATES" | "Z_COORDINATES":
-            content.axes[key] = file.values(int(words[1]), words[2]).astype(np.float64)
+            content.axes[key] = file.values(integer(words[1]), words[2]).astype(np.float64)
         case "CELLS":
-            content.cells = _read_cells(file, int(words[1]), int(words[2]))
+            content.cells = _read_cells(file, integer(words[1]), integer(words[2]))
         case "CELL_TYPES":
-            content.types = file.values(int(words[1]), "int").astype(np.int64)
+            content.types = file.values(integer(words[1]), "int").astype(np.int64)
         case _:
             raise ValueError(f"the keyword {words[0][:30]!r} is not known")
 
@@ -146,25 +146,27 @@ def _read_cells(file: "_Cursor", count: int, size: int) -> tuple[Integers, Integ
 def _read_array(file: "_Cursor", arrays: dict[str, Any], key: str, words: list[str], rows: int) -> None:
     """An array of point or cell data; ``rows`` values or vectors."""
     if key == "SCALARS":
-        width = int(words[3]) if len(words) > 3 else 1
+        width = integer(words[3]) if len(words) > 3 else 1
         begin = file.position
         if not file.line().startswith("LOOKUP_TABLE"):
             file.position = begin
         arrays[words[1]] = file.values(rows * width, words[2]).reshape(rows, width)
     elif key == "FIELD":
-        for _ in range(int(words[2])):
+        for _ in range(integer(words[2])):
             while (head := file.line().split())[:1] == ["METADATA"]:
                 file.skip_metadata()
             if head[3].lower() == "string":
-                file.skip_texts(int(head[1]) * int(head[2]))
+                file.skip_texts(integer(head[1]) * integer(head[2]))
                 continue
-            arrays[head[0]] = file.values(int(head[1]) * int(head[2]), head[3]).reshape(int(head[2]), int(head[1]))
+            arrays[head[0]] = file.values(integer(head[1]) * integer(head[2]), head[3]).reshape(
+                integer(head[2]), integer(head[1])
+            )
     elif key == "LOOKUP_TABLE":
-        file.values(4 * int(words[2]), "unsigned_char" if file.binary else "float")
+        file.values(4 * integer(words[2]), "unsigned_char" if file.binary else "float")
     elif key == "COLOR_SCALARS":
-        file.values(rows * int(words[2]), "unsigned_char" if file.binary else "float")
+        file.values(rows * integer(words[2]), "unsigned_char" if file.binary else "float")
     elif key in _WIDTHS or key == "TEXTURE_COORDINATES":
-        width = int(words[2]) if key == "TEXTURE_COORDINATES" else _WIDTHS[key]
+        width = integer(words[2]) if key == "TEXTURE_COORDINATES" else _WIDTHS[key]
         arrays[words[1]] = file.values(rows * width, words[-1]).reshape(rows, width)
     else:
         raise ValueError(f"the keyword {words[0][:30]!r} is not known")
@@ -217,7 +219,7 @@ class _Cursor:
             raise ValueError(f"{count} values of type {kind[:20]!r}")
         dtype = np.dtype(">" + _TYPES[kind.lower()])
         if not self.binary:
-            return np.array(self._words(count), dtype=np.float64 if dtype.kind == "f" else np.int64)
+            return number_array(self._words(count), np.float64 if dtype.kind == "f" else np.int64)
         size = -(-count // 8) if kind.lower() == "bit" else count * dtype.itemsize
         found = self._data[self.position : self.position + size]
         if len(found) < size:

@@ -20,6 +20,7 @@ from mesh_motion_protocol.errors import InvalidInput
 from numpy.typing import NDArray
 
 from mesh_motion_server.files.packages import check_unpacked, most_unpacked
+from mesh_motion_server.files.text import integer, number_array
 from mesh_motion_server.files.vtk.grid import POLYHEDRON, CellFaces, VtkGrid, structured_cells
 
 __all__ = ["read_xml"]
@@ -68,7 +69,7 @@ def read_xml(path: Path) -> list[VtkGrid]:
 
 
 def _unstructured(values: "_Values", piece: ElementTree.Element) -> VtkGrid:
-    if not int(piece.get("NumberOfCells", "0")):
+    if not integer(piece.get("NumberOfCells", "0")):
         return _grid(values, piece, _points(values, piece), *(np.zeros(size, dtype=np.int64) for size in (0, 1, 0)))
     cells = values.arrays(piece, "Cells", ("offsets", "types"))
     offsets = np.concatenate([[0], cells["offsets"].astype(np.int64)])
@@ -94,7 +95,7 @@ def _faces(values: "_Values", piece: ElementTree.Element, types: Integers) -> Ce
 
 
 def _structured(values: "_Values", piece: ElementTree.Element) -> VtkGrid:
-    extent = [int(word) for word in piece.get("Extent", "").split()]
+    extent = [integer(word) for word in piece.get("Extent", "").split()]
     if len(extent) != 6:
         raise ValueError(f"a piece of the extent {piece.get('Extent')!r}, expected six numbers")
     counts = [high - low + 1 for low, high in zip(extent[::2], extent[1::2], strict=True)]
@@ -156,7 +157,7 @@ class _Values:
         if missing := sorted({*names} - named.keys()):
             raise ValueError(f"its {section} have no {missing[0]}")
         count = piece.get("NumberOfPoints" if section.startswith("Point") else "NumberOfCells")
-        rows = int(count) if rows is None and count is not None else rows
+        rows = integer(count) if rows is None and count is not None else rows
         return {name: self._array(name, named[name], rows) for name in names or named}
 
     def has(self, piece: ElementTree.Element, section: str, name: str) -> bool:
@@ -166,10 +167,10 @@ class _Values:
     def _array(self, name: str, array: ElementTree.Element, rows: int | None) -> NDArray[np.generic]:
         dtype = np.dtype(self._order + _TYPES[array.get("type", "")])
         text = (array.text or "").strip()
-        width = int(array.get("NumberOfComponents", "1"))
+        width = integer(array.get("NumberOfComponents", "1"))
         try:
             if array.get("format") == "ascii":
-                values = np.array(text.split(), dtype=dtype)
+                values = number_array(text.split(), dtype)
             else:
                 most = most_unpacked(self._packed) if rows in (None, _ANY) else rows * max(width, 1) * dtype.itemsize
                 values = np.frombuffer(self._bytes(array, text, most), dtype)
@@ -182,7 +183,7 @@ class _Values:
     def _bytes(self, array: ElementTree.Element, text: str, most: int) -> bytes:
         if array.get("format") != "appended":
             return self._unpack(text.encode(), most, coded=True) if text else b""
-        return self._unpack(self._data[int(array.get("offset", "0")) :], most, coded=self._encoding == "base64")
+        return self._unpack(self._data[integer(array.get("offset", "0")) :], most, coded=self._encoding == "base64")
 
     def _unpack(self, data: bytes, most: int, *, coded: bool) -> bytes:
         """Unpack the values after their header: the number of bytes, or the number of blocks and of the bytes of each.

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.files.packages import check_unpacked, load_h5py
+from mesh_motion_server.files.text import integer, number_array
 
 __all__ = ["Document", "dtype_of", "item_type", "kind_of"]
 
@@ -85,7 +86,7 @@ class Document:
 
     def values(self, item: ElementTree.Element) -> NDArray[Any]:
         """The numbers of an item in its shape; those of a hyperslab are a part of another item's."""
-        shape = [int(word) for word in item.get("Dimensions", "").split()]
+        shape = [integer(word) for word in item.get("Dimensions", "").split()]
         form, text = item.get("Format", "XML").lower(), (item.text or "").strip()
         dtype = dtype_of(item)
         if item_type(item) == "hyperslab":
@@ -93,14 +94,14 @@ class Document:
         elif form == "hdf":
             values = self._hdf5(text)
         elif form == "binary":
-            raw = self.file_of_numbers(text).read_bytes()[int(item.get("Seek", "0")) :]
+            raw = self.file_of_numbers(text).read_bytes()[integer(item.get("Seek", "0")) :]
             values = np.frombuffer(raw, dtype, count=int(np.prod(shape, dtype=np.int64)))
         elif form == "xml":
             words = text.split()
             try:
-                values = np.array(words, dtype=np.int64 if dtype[1] in "iu" else np.float64)
+                values = number_array(words, np.int64 if dtype[1] in "iu" else np.float64)
             except ValueError:
-                values = np.array(words, dtype=np.float64)
+                values = number_array(words, np.float64)
         else:
             raise ValueError(f"an item of the format {form}, expected XML, HDF or Binary")
         if values.size != int(np.prod(shape, dtype=np.int64)):

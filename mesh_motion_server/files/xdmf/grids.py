@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from mesh_motion_server.files.mesh_file import MeshFile
 from mesh_motion_server.files.packages import check_unpacked
+from mesh_motion_server.files.text import integer
 from mesh_motion_server.files.vtk.grid import KNOWN_TYPES, VtkGrid, lattice, structured_cells
 from mesh_motion_server.files.vtk.reading import NUMBERED_PATCH_ARRAYS, PATCH_PREFIX, grids_as_mesh
 from mesh_motion_server.files.xdmf.document import Document, item_type, kind_of
@@ -109,7 +110,7 @@ def _grid(file: Document, geometry: ElementTree.Element, grid: ElementTree.Eleme
     topology = _one(file, grid, "Topology")
     structured = _STRUCTURED.fullmatch(kind_of(topology))
     if structured:
-        counts = [int(word) for word in topology.get("Dimensions", topology.get("NumberOfElements", "")).split()]
+        counts = [integer(word) for word in topology.get("Dimensions", topology.get("NumberOfElements", "")).split()]
         check_unpacked(file.path, file.packed, 64 * int(np.prod(counts, dtype=np.float64)))
         code, nodes = structured_cells(counts[::-1])
         types, sizes, nodes = np.full(len(nodes), code), np.full(len(nodes), nodes.shape[1]), nodes.ravel()
@@ -149,7 +150,7 @@ def _cells(file: Document, topology: ElementTree.Element) -> tuple[Integers, Int
     kind = kind_of(topology)
     kind = _OTHER_NAMES.get(kind, kind)
     values = file.values(file.item(topology)).astype(np.int64)
-    base = int(topology.get("BaseOffset", "0"))
+    base = integer(topology.get("BaseOffset", "0"))
     if kind == "mixed":
         return _mixed(values.ravel(), base)
     if kind not in _TYPES:

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Protocol, TypeVar
 
 from mesh_motion_protocol.errors import DataLoss, MeshMotionError
+from mesh_motion_protocol.lacks import way_out_of
 
 from mesh_motion_server.absence import is_missing
 from mesh_motion_server.operation.tally import TALLY
@@ -178,7 +179,7 @@ def disk_failure(
     return kind(
         f"{doing}: {_said(error)} ({name}){consequence}",
         code="RESOURCE_EXHAUSTED.DISK",
-        hint=hint,
+        hint=way_out_of(error, hint),
         details={"errno": name},
     )
 

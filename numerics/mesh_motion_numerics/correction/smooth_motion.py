@@ -35,10 +35,11 @@ iterations end when the step is below :data:`_TOLERANCE`; otherwise the result s
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
+from itertools import chain
 
 import mesh_motion_kernels as kernels
 import numpy as np
@@ -75,6 +76,7 @@ _CHUNK = 1 << 21  # corners whose neighbours are counted together: a few hundred
 _PINNED = 1e-8  # σ below which a node keeps its plain position
 _TOLERANCE = 1e-10  # largest Newton step of a node, as a share of the region's extent
 _ITERATIONS = 40
+_NEAR, _FEW = 1e-3, 16  # the same of a mesh where another correction begins
 _ARMIJO, _HALVINGS = 1e-4, 40
 _CONVEX = (0.0, 1 / 64, 1 / 16, 1 / 4, 1.0)  # parts of a Hessian, tried in turn until it is positive definite
 _ALL = len(_CONVEX) - 1
@@ -199,7 +201,12 @@ class SmoothMotion:
         return math.exp(-self.law.onset) * (1.0 + 1e-9)  # far above the rounding
 
     def correct(
-        self, plain: Floats, start: Callable[[], Floats] | None = None, distorted: Integers | None = None
+        self,
+        plain: Floats,
+        starts: Sequence[Callable[[], Floats]] = (),
+        distorted: Integers | None = None,
+        *,
+        rough: bool = False,
     ) -> Smoothed:
         """The corrected motion.
 
@@ -207,16 +214,18 @@ class SmoothMotion:
         ----------
         plain : (n, d) array, mesh length unit
             y_plain.
-        start : callable, optional
-            Makes a mesh (n, d) near the result, with the held nodes of ``plain``, if some cell resists: the iterations
-            begin there unless it is tangled.
+        starts : sequence of callable
+            Make meshes (n, d) near the result, with the held nodes of ``plain``, if some cell resists: the iterations
+            begin at the first one that is not tangled.
         distorted : (k,) int64 array, optional
             All cells whose worst corner is below :attr:`limit` in y_plain, if they are known; it may contain others.
+        rough : bool
+            Whether a mesh near the minimum, or after a few iterations, is enough: another correction begins there.
 
         Returns
         -------
         Smoothed
-            Not converged if the iterations could not begin because both meshes are tangled, or did not end.
+            Not converged if the iterations could not begin because all meshes are tangled, or did not end.
 
         Raises
         ------
@@ -228,11 +237,11 @@ class SmoothMotion:
             return Smoothed(plain)
         nodes, n = region.free.nodes, region.free.n_free
         rest = plain[nodes]
-        starts = [rest] if start is None else [region.admitted(np.concatenate([start()[nodes[:n]], rest[n:]])), rest]
-        begin = next((points for points in starts if np.isfinite(self._distortions(points, region).max())), None)
+        near = (region.admitted(np.concatenate([start()[nodes[:n]], rest[n:]])) for start in starts)
+        begin = next((at for at in chain(near, [rest]) if np.isfinite(self._distortions(at, region).max())), None)
         if begin is None:
             return Smoothed(plain, n, 0, False, math.inf)
-        found = self._descend(begin, rest, region)
+        found = self._descend(begin, rest, region, rough=rough)
         points = plain.copy()
         points[nodes[:n]] = found.points[:n]
         return replace(found, points=points)
@@ -314,13 +323,14 @@ class SmoothMotion:
 
     # --- minimum -----------------------------------------------------------------------------------------------------
 
-    def _descend(self, points: Floats, rest: Floats, region: SmoothRegion) -> Smoothed:
-        """Newton's iterations."""
-        n, tolerance = region.free.n_free, _TOLERANCE * float(np.ptp(rest, axis=0).max())
+    def _descend(self, points: Floats, rest: Floats, region: SmoothRegion, *, rough: bool) -> Smoothed:
+        """Newton's iterations; ``rough`` as in :meth:`correct`."""
+        n, extent = region.free.n_free, float(np.ptp(rest, axis=0).max())
+        tolerance, enough, most = _TOLERANCE * extent, _NEAR * extent if rough else 0.0, _FEW if rough else _ITERATIONS
         energy, distortion = self._energy(points, rest, region)
         part, far, residual, last = 0, False, math.inf, math.inf  # last: the step before, if exact
         accuracy = ROUGH  # of conjugate gradients; the next step can be as small as an exact one
-        for done in range(_ITERATIONS):
+        for done in range(most):
             check_time()
             try:
                 step, slope, part = self._step(points, rest, region, distortion, accuracy, part)
@@ -344,6 +354,8 @@ class SmoothMotion:
             points, energy, distortion = trial, lower, after
             exact = part == 0
             whole = exact and length == 1.0
+            if whole and residual < enough:
+                return Smoothed(points, n, done + 1, True, residual)
             shrunk = (residual / last) ** 2 if whole and last < math.inf else math.inf
             next_step = residual * max(shrunk, 0.0 if region.is_factorized else accuracy)
             if (residual < tolerance and (exact or residual < 1e-2 * tolerance)) or next_step < 1e-2 * tolerance:
@@ -353,7 +365,7 @@ class SmoothMotion:
                 part, far = _ALL, True
             else:
                 part, far = 0 if far or not region.is_factorized else max(0, part - 2), False
-        return Smoothed(points, n, _ITERATIONS, False, residual)
+        return Smoothed(points, n, most, rough, residual)
 
     def _step(
         self, points: Floats, rest: Floats, region: SmoothRegion, distortion: Floats, accuracy: float, part: int

@@ -3,9 +3,10 @@
 A translation is found from the patches' centroids. A rotation is found from two nodes that characterise a patch (the
 farthest from the centroid, and in 3D the one that spans the largest triangle with it) and every pair of nodes of the
 other patch that could be their images. It is a full turn divided by an integer if that fits, else any angle, about an
-axis, without a shift along it, and with the mesh on the smaller side of it. In both cases every node must then have an
-image among the other patch's nodes, close relative to the local spacing. If a patch may be paired with several, as the
-parts of a divided side may, the period that most pairs have decides.
+axis, without a shift along it. In both cases every node must then have an image among the other patch's nodes, close
+relative to the local spacing. If a patch may be paired with several, as the parts of a divided side may, the period
+that most pairs have decides. A rotation by 270° has the matrix of one by −90°: the side on which the mesh is shows
+which one it is, and one by more than half a turn is refused.
 """
 
 import math
@@ -20,6 +21,7 @@ from scipy.spatial import cKDTree
 from mesh_motion_numerics.arrays import Floats, Integers
 from mesh_motion_numerics.mesh.neighbours import local_spacing
 from mesh_motion_numerics.mesh.points import bounding_box, marks_at
+from mesh_motion_numerics.mesh.revolution import about
 from mesh_motion_numerics.mesh.rigid_transforms import Transform
 from mesh_motion_numerics.mesh.smooth_pieces import area_vectors, widened
 
@@ -68,13 +70,19 @@ class PeriodicPair:
 
 @dataclass(frozen=True, eq=False)
 class _Side:
-    """A periodic patch: its name, nodes, their positions, the spacing at each, and the sum of its area vectors."""
+    """A periodic patch: name, nodes, their positions, the spacing at each, its facets' middles and area vectors."""
 
     name: str
     nodes: Integers
     places: Floats
     spacing: Floats
-    area: Floats
+    middles: Floats
+    areas: Floats
+
+    @property
+    def area(self) -> Floats:
+        """The sum of the area vectors (d,)."""
+        return np.asarray(self.areas.sum(axis=0))
 
 
 def periodic_pairs(
@@ -94,6 +102,7 @@ def periodic_pairs(
     ------
     InvalidInput
         If a patch has no partner; names the first node without an image, and how far the nearest node is from it.
+        If the mesh spans more than half a turn between two patches.
     """
     sides = [_side(points, facets, name, np.sort(patches[name])) for name in sorted(patches)]
     _refuse_same(sides)
@@ -107,6 +116,8 @@ def periodic_pairs(
         ]
         pairs += _agreeing([pair for pair in found if pair], points)
     _refuse_single(sides, pairs)
+    for pair in pairs:
+        _refuse_wide(pair, next(side for side in sides if side.name == pair.first))
     return tuple(pairs)
 
 
@@ -136,12 +147,13 @@ def _side(points: Floats, facets: Mapping[str, Integers], name: str, nodes: Inte
     if len(nodes) > 1:
         spacing = local_spacing(places)
     inside = marks_at(len(points), nodes)
-    area = np.zeros(points.shape[1])
+    middles, areas = [np.empty((0, points.shape[1]))], [np.empty((0, points.shape[1]))]
     for block in facets.values():
         own = block[inside[block].all(axis=1)]
         filled = widened(own, 4) if own.shape[1] == 3 else own
-        area += area_vectors(points, filled).sum(axis=0)
-    return _Side(name, nodes, places, spacing, area)
+        middles.append(points[own].mean(axis=1))
+        areas.append(area_vectors(points, filled))
+    return _Side(name, nodes, places, spacing, np.concatenate(middles), np.concatenate(areas))
 
 
 def _images(first: _Side, second: _Side, transform: Transform) -> tuple[Floats, Integers]:
@@ -265,6 +277,21 @@ def _refuse_same(sides: list[_Side]) -> None:
                     hint="give each of the two sides a patch of its own, both with the role periodic",
                     details={"patch": second.name, "node": int(first.nodes[0])},
                 )
+
+
+def _refuse_wide(pair: PeriodicPair, first: _Side) -> None:
+    """Raise if the mesh is on the side of the first patch that the shorter rotation to the second leaves."""
+    turn = pair.transform
+    if not turn.turns or turn.sectors == 2:
+        return
+    if np.sum(about(turn, first.middles) * first.areas) > 0.0:
+        raise InvalidInput(
+            f"the periodic patches {pair.first!r} and {pair.second!r} are {360.0 - math.degrees(abs(turn.angle)):.6g}° "
+            "apart, measured through the mesh; expected at most half a turn",
+            code="INVALID_ARGUMENT.MESH",
+            hint="mesh a sector that is a whole fraction of a turn, such as 360°/7, or the whole ring",
+            details={"patch": pair.first},
+        )
 
 
 def _refuse_single(sides: list[_Side], pairs: list[PeriodicPair]) -> None:

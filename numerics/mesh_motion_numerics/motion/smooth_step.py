@@ -10,7 +10,7 @@ from __future__ import annotations
 import weakref
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cache, partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -121,7 +121,7 @@ def smooth_step(
         If no way leads to a valid mesh; the message says how far the mesh stayed valid.
     """
     carried = carried or _with_plain
-    at_once = correction.correct(plain, lambda: carried(committed, plain_before(), plain, 0.0, 1.0), distorted)
+    at_once = correction.correct(plain, [lambda: carried(committed, plain_before(), plain, 0.0, 1.0)], distorted)
     if at_once.converged:
         return Followed(at_once, 1.0, 1, at_once.iterations)
     furthest, left, before = 0.0, _MOST_ITERATIONS, plain_before()
@@ -145,21 +145,30 @@ def follow(
 ) -> Followed:
     """Lead the committed mesh along a way, in about ``most`` iterations at most.
 
-    A part is halved if the iterations cannot begin or take too long.
+    A part is halved if the iterations cannot begin or take too long. From then on each part but the last one ends near
+    the minimum, and each begins where the carried mesh and the way that it went in the part before lead.
     """
     fraction, length, points, before = 0.0, 0.5, committed, plain_before
-    found, legs, iterations = Smoothed(committed), 0, 0
+    found, legs, iterations, left = Smoothed(committed), 0, 0, np.zeros_like(committed)
     while fraction < 1.0 and length >= _SHORTEST and iterations < most:
         length = min(length, 1.0 - fraction)  # exact, because they are sums of powers of two
-        plain = way(fraction + length)
-        leg = correction.correct(plain, partial(carried, points, before, plain, fraction, fraction + length))
+        plain, halved = way(fraction + length), length < 0.5
+        near = cache(partial(carried, points, before, plain, fraction, fraction + length))
+        ahead = partial(_ahead, near, length * left)
+        starts: list[Callable[[], Floats]] = [ahead, near] if halved and legs else [near]
+        leg = correction.correct(plain, starts, rough=halved and fraction + length < 1.0)
         iterations += leg.iterations
         if leg.converged:
+            left = (leg.points - near()) / length
             found, fraction, points, before, legs = leg, fraction + length, leg.points, plain, legs + 1
             length *= 2.0
         else:
             length *= 0.5
     return Followed(found, fraction, legs, iterations)
+
+
+def _ahead(near: Callable[[], Floats], shift: Floats) -> Floats:
+    return near() + shift
 
 
 def _with_plain(points: Floats, before: Floats, plain: Floats, _begin: float, _end: float) -> Floats:
