@@ -62,7 +62,7 @@ def test_the_enrichment_radius_is_no_larger_than_the_support_radius_and_never_ze
     assert suggest_enrichment_radius(line, roles(11), 2.5) == 2.5
 
 
-@pytest.mark.parametrize(("count", "wave"), [(400, 1 / 8), (16, 3 * np.sin(np.pi / 16)), (4, 1.0)])
+@pytest.mark.parametrize(("count", "wave"), [(400, 1 / 8), (24, 3 * np.sin(np.pi / 24)), (4, 0.5)])
 def test_the_first_level_follows_no_waves_that_a_coarse_wall_does_not_have(count: int, wave: float) -> None:
     points = np.vstack([circle(count, 0.5), circle(100, 5.0)])
     body = BoundaryRoles(np.arange(count), np.arange(count, count + 100), NONE, NONE)
