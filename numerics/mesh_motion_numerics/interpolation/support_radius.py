@@ -65,9 +65,9 @@ _LARGE, _FAR, _NEAR, _MEAN = 3.5, 5.0, 10.0, 1.6
 #: turn; but levels continue the noise of a thin trailing edge into the wake, 15 times with 16 spacings, 8 with 6.
 _SMOOTH, _SMOOTH_LAYER = {1: (0.125, 10.0), 2: (0.125, 10.0), 3: (0.2, 16.0)}, (0.3, 6.0)
 #: The wave is at least this number of spacings, as a coarse wall has no shorter waves, but at most this share of the
-#: body; three quarters of the moving nodes do not exceed the spacing. Noise of a tower of 0.4 x 0.4 x 1.5 with a spacing
-#: of 0.09 then grows 7 times instead of 13 times. With a whole body, a cube of four cells along an edge loses quality:
-#: 0.55 instead of 0.60 at 30 degrees.
+#: body; three quarters of the moving nodes do not exceed the spacing. Noise of a tower of 0.4 x 0.4 x 1.5 with a
+#: spacing of 0.09 then grows 7 instead of 13 times. With a whole body, a cube of four cells along an edge loses
+#: quality: 0.55 instead of 0.60 at 30 degrees.
 _SPACINGS, _SHARE = 3.0, 0.5
 _SAMPLE = 20_000  # number of nodes at which the largest ball is searched
 _EACH = 16  # every 16th of them is tested first
