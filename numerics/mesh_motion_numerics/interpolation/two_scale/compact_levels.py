@@ -7,7 +7,7 @@ The last level has all nodes and interpolates the remaining residual, so that th
 Floater and Iske).
 
 Each system is sparse and is solved by conjugate gradients with a factorized sparse approximate inverse. This inverse is
-made once for the reference mesh and also used for displaced meshes.
+made once for the reference mesh, if a level needs it, and also used for displaced meshes.
 
 References
 ----------
@@ -96,16 +96,21 @@ class CompactLevel:
     members : (m,) int64 array
         Its control points.
     radius : float, mesh length unit
-    precondition : SparseInverse
-        Preconditioner of the reference mesh.
+    reference : (m, 3) array, mesh length unit
+        The members' reference positions.
     direct : bool
         Whether a factor solves it, so that it is linear to rounding. Its nodes are few, and are factorized once.
     """
 
     members: Integers
     radius: float
-    precondition: SparseInverse
+    reference: Floats
     direct: bool = False
+
+    @cached_property
+    def precondition(self) -> SparseInverse:
+        """Preconditioner of the reference mesh; made for the first solution that iterates."""
+        return SparseInverse(self.reference, BASIS, self.radius, _NEIGHBOURS)
 
 
 def compact_levels(
@@ -205,10 +210,7 @@ def _levels(
     points: Floats, closest: float, scales: tuple[float, float], first: Integers, radii: float
 ) -> list[CompactLevel]:
     nested = nested_members(len(points), closest, scales, first, partial(separated_points, points))
-    return [
-        CompactLevel(members, radii * scale, SparseInverse(points[members], BASIS, radii * scale, _NEIGHBOURS))
-        for scale, members in nested
-    ]
+    return [CompactLevel(members, radii * scale, points[members]) for scale, members in nested]
 
 
 @dataclass(frozen=True, eq=False)
