@@ -13,9 +13,10 @@ from wrong_clients import WRONG_CLIENTS
 
 from mesh_motion_server.transport.telemetry import configure
 
-#: Cases that these servers cannot pass: their plain model does not judge cells.
+#: Cases that these servers cannot pass: their plain model checks no mesh and judges no cells.
 WITHOUT_JUDGEMENT = [
-    *("13.3-inverted-cell", "15-BUILT-quality", "15-COMMITTED-quality", "15-MOVED-headroom-asked", "15-MOVED-quality")
+    "13.2-what-a-mesh-needs",
+    *("13.3-inverted-cell", "15-BUILT-quality", "15-COMMITTED-quality", "15-MOVED-headroom-asked", "15-MOVED-quality"),
 ]
 
 

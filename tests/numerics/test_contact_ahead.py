@@ -6,8 +6,11 @@ from box_meshes import CELL_KINDS
 from far_meshes import near_block
 from mesh_motion_numerics.mesh.boundary_crossing import BoundaryFacets, crossing_place
 from mesh_motion_numerics.mesh.boundary_facets import boundary_facets
-from mesh_motion_numerics.mesh.roles import BoundaryRoles
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.mesh.roles import BoundaryRoles, Patch
+from mesh_motion_numerics.method import Method
 from mesh_motion_numerics.motion.contact_ahead import ContactAhead
+from mesh_motion_numerics.motion.motion import MotionModel
 
 #: The body of :func:`.near_block` is the middle fifth of the unit square or cube.
 GAP = 0.4
@@ -21,6 +24,15 @@ def boundary_of(kind: str, layers: int = 5) -> tuple[np.ndarray, BoundaryFacets]
 
 def steps(points: np.ndarray, boundary: BoundaryFacets, way: np.ndarray, first: float = 0.0) -> float:
     return ContactAhead.build(boundary, points).steps(points, points - way, first, 100.0)
+
+
+def test_a_cell_without_a_free_node_ends_earlier_than_the_boundary() -> None:
+    """A square of two triangles: its corner falls past the lower side, and the first triangle has no area at 0.55."""
+    points, cells = np.array([[0.0, 0.0], [1.0, 0.0], [1.1, 1.1], [0.0, 1.0]]), np.array([[0, 1, 2], [0, 2, 3]])
+    patches = {"corner": Patch("moving", np.array([2])), "rest": Patch("fixed", np.array([0, 1, 3]))}
+    model = MotionModel.build(points, CellTable.from_arrays({"triangle": cells}), patches, Method())
+    way = np.array([[0.0, 0.0], [0.0, 0.0], [0.0, -2.0], [0.0, 0.0]])
+    assert model.headroom(points - way, points, np.array([0])).inversion == pytest.approx(0.55, rel=1e-12)
 
 
 @pytest.mark.parametrize("kind", CELL_KINDS)

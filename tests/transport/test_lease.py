@@ -81,7 +81,10 @@ def test_a_connection_made_at_once_keeps_the_lease(dealer, tmp_path, monkeypatch
     monkeypatch.setattr(template, "_host", lambda *given: host)
     settings = ServerSettings(state_folder=tmp_path, lease_seconds=0.1, idle_seconds=0.3)
     order = {"order": "create", "endpoint": "tcp://127.0.0.1:0", "owner": "", "settings": settings.model_dump_json()}
-    serving = threading.Thread(target=template._serve, args=(line, order, (None, str), signals), daemon=True)
+    order["root"] = [0, 0]
+    serving = threading.Thread(
+        target=template._serve, args=(line, order, (None, lambda folder, identity: folder), signals), daemon=True
+    )
     serving.start()
     time.sleep(1.0)  # three times what would end it
     dealer.send_multipart(encode(Ping(client=b"c" * 16, sequence=1)), zmq.NOBLOCK)

@@ -68,9 +68,6 @@ class Connection:
         self.endpoint = endpoint
         self._process = os.getpid()
         self._socket, self._events = _sockets()
-        self._socket.setsockopt(zmq.LINGER, 0)  # an unsent request of a closed connection is worthless
-        for option in (zmq.SNDTIMEO, zmq.RCVTIMEO):
-            self._socket.setsockopt(option, _MOST_MILLISECONDS)
         self._socket.setsockopt(zmq.MAXMSGSIZE, _MOST_BYTES)
         self._socket.setsockopt(zmq.RECONNECT_IVL, 50)
         self._socket.setsockopt(zmq.RECONNECT_IVL_MAX, 1000)
@@ -245,6 +242,9 @@ def _sockets() -> tuple[zmq.Socket[bytes], zmq.Socket[bytes]]:
     made: list[zmq.Socket[bytes]] = []
     try:
         made.append(zmq.Context.instance().socket(zmq.DEALER))
+        made[0].setsockopt(zmq.LINGER, 0)  # an unsent request of a closed connection is worthless
+        for option in (zmq.SNDTIMEO, zmq.RCVTIMEO):
+            made[0].setsockopt(option, _MOST_MILLISECONDS)
         made.append(made[0].get_monitor_socket(_WATCHED))
     except zmq.ZMQError as error:
         for socket in made:

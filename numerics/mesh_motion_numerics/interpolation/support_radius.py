@@ -136,7 +136,9 @@ def with_reach(
     if alone and body > 0.0:
         if method.correction == "smooth":
             section = float(sides[1]) if len(sides) > 2 else body
-            pairs = _SMOOTH[len(sides)], _SMOOTH_LAYER
+            pairs = [_SMOOTH[len(sides)]]
+            if periodic is None or not np.isin(roles.moving, periodic.members).any():
+                pairs.append(_SMOOTH_LAYER)  # otherwise thin cells at a periodic side, which no layer moves, need all
             spacing = float(np.quantile(local_spacing(points[roles.moving]), 0.75))
             shortest = min(_SPACINGS * spacing, _SHARE * section)
             smoothing = [Smoothing(max(wave * section, shortest), radii) for wave, radii in pairs]

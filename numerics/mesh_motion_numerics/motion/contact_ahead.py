@@ -1,8 +1,9 @@
-"""The number of further steps like the last one until the boundary of a mesh meets itself.
+"""The number of further steps like the last one until no mesh with this boundary is valid: it meets itself.
 
 A node meets a facet when the simplex of both has no volume while the node is inside the facet. This volume is a
 polynomial along the step, so its first root is exact, like that of a cell (:mod:`.headroom`). Two edges that meet are
 found when one of their nodes has passed the other facet. Not found: a flat part of the boundary that folds onto itself.
+A cell all of whose nodes have prescribed positions may invert earlier: no correction moves it.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 
 from mesh_motion_numerics.arrays import Floats, Marks
 from mesh_motion_numerics.mesh.boundary_crossing import BoundaryFacets
+from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.mesh.morton import morton_codes
 
 __all__ = ["ContactAhead"]
@@ -36,24 +38,35 @@ class ContactAhead:
         are, they are a simplex of positive volume.
     moving : (f,) bool array
         Whether a node of the facet moves.
+    stiff : CellTable or None
+        The cells without a free node, if there are any.
     """
 
     facets: NDArray[np.int32]
     moving: Marks
+    stiff: CellTable | None
 
     @classmethod
-    def build(cls, boundary: BoundaryFacets, points: Floats) -> ContactAhead:
+    def build(cls, boundary: BoundaryFacets, points: Floats, stiff: CellTable | None = None) -> ContactAhead:
         """Build it for reference coordinates (n, d)."""
         parts = [nodes[:, list(one)] for name, nodes in boundary.nodes.items() for one in _SPLITS[name]]
         facets = np.concatenate(parts).astype(np.int32)
         facets = facets[np.argsort(morton_codes(points[facets].mean(axis=1)), kind="stable")]
-        return cls(facets, np.asarray(boundary.moving[facets].any(axis=1)))
+        return cls(facets, np.asarray(boundary.moving[facets].any(axis=1)), stiff)
 
     def steps(self, points: Floats, before: Floats, first: float, most: float) -> float:
-        """Steps like that from ``before`` to ``points`` (n, d) until the boundary meets itself; ``inf`` above ``most``.
+        """Steps like that from ``before`` to ``points`` (n, d) until no mesh is valid; ``inf`` above ``most``.
 
-        ``first``: number of steps before which it does not meet itself.
+        ``first``: number of steps before which all cells are valid.
         """
+        if self.stiff is not None:
+            every = np.arange(len(self.stiff))
+            stiff = float(kernels.first_inversions(points, before, self.stiff.nodes, every, most, 1)[0][0])
+            return min(stiff, self._meeting(points, before, first, min(most, stiff)))
+        return self._meeting(points, before, first, most)
+
+    def _meeting(self, points: Floats, before: Floats, first: float, most: float) -> float:
+        """Steps until the boundary meets itself; ``inf`` above ``most``."""
         ahead = first
         while ahead < most:
             ahead = min(_GROWTH * max(ahead, 1.0), most)
