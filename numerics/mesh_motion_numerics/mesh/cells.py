@@ -227,6 +227,10 @@ class CellTable:
         """The marked (m,) cells, at least one."""
         return CellTable.from_arrays({block.type.name: block.nodes[marked[span]] for block, span in self.numbered})
 
+    def within(self, nodes: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """(m,) whether all nodes of each cell are among the marked (n,) ``nodes``."""
+        return np.concatenate([nodes[block.nodes].all(axis=1) for block in self])
+
     @property
     def corner_counts(self) -> Integers:
         """(m,) number of each cell's corner simplices."""

@@ -176,7 +176,7 @@ class BoundaryLayer:
             away = (valid != trial).any(axis=1)
             return self.without(away) if away[self.nodes].any() else self
         known = self.known
-        inside = np.flatnonzero(np.concatenate([known[block.nodes].all(axis=1) for block in self.cells]))
+        inside = np.flatnonzero(self.cells.within(known))
         spoiled = inside[~(quality(trial, inside) > _SPOILED * quality(self.points, inside))]
         if not len(spoiled):
             return self

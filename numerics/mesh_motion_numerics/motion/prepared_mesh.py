@@ -170,8 +170,7 @@ class PreparedMesh:
         whole = {name: len(nodes) for name, nodes in boundary.items()} == {k: len(v) for k, v in facets.nodes.items()}
         if not whole or len(self.boundary.sides.pairs) or self.cells.dimension < 2:
             return None
-        prescribed = marks_at(len(self.points), self.roles.prescribed)
-        stiff = np.concatenate([prescribed[block.nodes].all(axis=1) for block in self.cells])
+        stiff = self.cells.within(marks_at(len(self.points), self.roles.prescribed))
         return ContactAhead.build(facets, self.points, self.cells.chosen(stiff) if stiff.any() else None)
 
     @cached_property

@@ -385,7 +385,7 @@ class StandardMotion:
             images, box = self.periodic.generators, bounding_box(points)
             return periodic_factorization_of(
                 origin, images, box, self.method, factors, self.periodic.open_sector,
-                self._smoothing, ~np.isin(controls, self.roles.fixed),
+                self._smoothing, ~self._fixed[controls],
             )  # fmt: skip
         plan = self.plans.get(controls.tobytes())
         try:
@@ -402,6 +402,11 @@ class StandardMotion:
         if not self.reach.mean_radius:
             return found
         return FarFieldFactorization(found, np.flatnonzero(~self._still[controls]), self.reach.mean_radius)
+
+    @cached_property
+    def _fixed(self) -> Marks:
+        """(n,) whether each node is fixed."""
+        return marks_at(len(self.reference), self.roles.fixed)
 
     @cached_property
     def _still(self) -> Marks:
