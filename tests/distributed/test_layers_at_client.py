@@ -19,7 +19,7 @@ def in_two_steps(session, part):
     return found
 
 
-@pytest.mark.parametrize("kind", ["quads", "triangles", pytest.param("wing", marks=pytest.mark.nightly)])
+@pytest.mark.parametrize("kind", ["quads", "triangles", "even", pytest.param("wing", marks=pytest.mark.nightly)])
 def test_layers_are_carried_as_in_a_session_with_the_whole_mesh(server, kind):
     """Bitwise equal on any number of ranks; equal to the whole mesh within rounding or the iterations' tolerance."""
     whole = grid(kind)

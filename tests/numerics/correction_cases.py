@@ -45,6 +45,18 @@ class BodyMesh:
         return TrialMesh(self.points, self.cells, self.sizes, self.held)
 
 
+def ring(rings: int = 24, ratio: float = 10.0, around: int = 48) -> BodyMesh:
+    """A circle in a circle of ``ratio`` times its radius, in triangles; the rings grow by the same factor each."""
+    radius, angle = np.meshgrid(ratio ** (np.arange(rings + 1) / rings), np.arange(around), indexing="ij")
+    angle = 2.0 * np.pi * angle / around
+    points = np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=-1).reshape(-1, 2)
+    first = np.arange(rings * around)
+    after = first - first % around + (first + 1) % around
+    halves = [[first, after + around, after], [first, first + around, after + around]]
+    cells = CellTable.from_arrays({"triangle": np.concatenate([np.stack(half, axis=1) for half in halves])})
+    return BodyMesh(points, cells, np.arange(rings * around, len(points)), np.arange(around))
+
+
 @cache
 def stored(name: str) -> BodyMesh:
     with np.load(REFERENCES / f"{name}.npz") as data:

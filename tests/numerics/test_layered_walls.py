@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from box_meshes import box_mesh
+from correction_cases import BodyMesh, ring
 from frame_meshes import tensor_grid
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.mesh.roles import Patch
@@ -72,6 +73,44 @@ def test_layers_that_the_interpolation_keeps_are_left_to_it() -> None:
 def test_even_meshes_have_no_layers(kind: str) -> None:
     mesh = box_mesh(kind, 10)
     assert LayeredWalls.build(mesh.points, mesh.cells, mesh.patches, None) is None
+
+
+def rolled(mesh: BodyMesh, **choices: object) -> tuple[MotionModel, np.ndarray, np.ndarray]:
+    """A model of the mesh, and edges that leave its body after a turn by 15°: turned at rest, and moved."""
+    model = MotionModel.build(mesh.points, mesh.cells, mesh.patches, Method(**choices))
+    moved = model.move(mesh.points, pitched(mesh.points[mesh.body], 15.0, 0.1)).points
+    (block,) = mesh.cells
+    ends = block.nodes[np.isin(block.nodes, mesh.body).sum(axis=1) == 1]
+    foot = np.where(np.isin(ends, mesh.body), ends, -1).max(axis=1)
+    edges = [(points[ends] - points[foot][:, None]) for points in (pitched(mesh.points, 15.0, 0.1), moved)]
+    return model, *edges
+
+
+def test_first_cells_of_a_body_without_thin_cells_turn_with_it() -> None:
+    """Interpolation knows no points inside the circle: its first cells lag by 3.5°."""
+    model, expected, found = rolled(ring())
+    assert not model.layered.thin
+    np.testing.assert_allclose(found, expected, atol=1e-13)
+    _, _, alone = rolled(ring(), correction="none")
+    assert np.abs(alone - expected).max() > 0.03 * np.abs(expected).max()
+
+
+@pytest.mark.parametrize(("rings", "ratio"), [(18, 10.0), (6, 1.5)], ids=["large", "near another boundary"])
+def test_first_cells_that_would_make_the_body_much_larger_are_not_carried(rings: int, ratio: float) -> None:
+    mesh = ring(rings, ratio)
+    model = MotionModel.build(mesh.points, mesh.cells, mesh.patches, Method())
+    assert model.carrying_layers.layer is None
+
+
+@pytest.mark.parametrize("kind", ["quad", "tetra"])
+def test_first_cells_of_a_wall_at_the_mesh_s_border_are_not_carried(kind: str) -> None:
+    """Nothing turns with its far side; and the row on a wall with a rim would end within the mesh."""
+    mesh = box_mesh(kind, 40 if kind == "quad" else 20)
+    floor = np.flatnonzero(mesh.points[:, -1] == mesh.points[:, -1].min())
+    lid = np.flatnonzero(mesh.points[:, -1] == mesh.points[:, -1].max())
+    patches = {"floor": Patch("moving", floor), "lid": Patch("fixed", lid)}
+    model = MotionModel.build(mesh.points, mesh.cells, patches, Method())
+    assert model.carrying_layers.layer is None
 
 
 def test_a_layer_on_a_periodic_wall_is_kept_and_its_ends_stay_alike() -> None:

@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 from box_meshes import box_mesh
-from correction_cases import BodyMesh, stored
+from correction_cases import BodyMesh, ring, stored
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.mesh.roles import Patch
 from mesh_motion_numerics.method import Method
@@ -16,7 +16,6 @@ from mesh_motion_numerics.motion.winding import UNWOUND, wound
 from mesh_motion_server.session.factors import FactorCache
 
 TOLERANCE = 1e-9
-RINGS, AROUND, RATIO = 24, 48, 10.0
 
 
 @cache
@@ -24,18 +23,6 @@ def model(kind: str) -> MotionModel:
     made = {"triangle": lambda: stored("thesis_block"), "ring": ring, "layered": layered}
     mesh = made.get(kind, lambda: box_mesh(kind))()
     return MotionModel.build(mesh.points, mesh.cells, mesh.patches, Method())
-
-
-def ring() -> BodyMesh:
-    """A circle in a circle; the radius grows by the same factor from ring to ring."""
-    radius, angle = np.meshgrid(RATIO ** (np.arange(RINGS + 1) / RINGS), np.arange(AROUND), indexing="ij")
-    angle = 2.0 * np.pi * angle / AROUND
-    points = np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=-1).reshape(-1, 2)
-    first = np.arange(RINGS * AROUND)
-    after = first - first % AROUND + (first + 1) % AROUND
-    halves = [[first, after + AROUND, after], [first, first + AROUND, after + AROUND]]
-    cells = CellTable.from_arrays({"triangle": np.concatenate([np.stack(half, axis=1) for half in halves])})
-    return BodyMesh(points, cells, np.arange(RINGS * AROUND, len(points)), np.arange(AROUND))
 
 
 def layered() -> BodyMesh:
@@ -171,7 +158,7 @@ def test_its_derivative_is_that_of_differences_and_its_transpose(kind: str, step
         moved, bent(block, steps[-1], 0.002 if kind == "layered" or not resists else 0.021), factors
     ).points
     slope, moving = block.slope(moved, factors), block.roles.moving
-    assert (block.carrying_layers.layer is not None) == (kind == "layered")
+    assert (block.carrying_layers.layer is not None) == (kind in ("layered", "ring"))
     assert slope.winding is not None
     assert slope.smooth is not None
     assert (slope.smooth.region is not None) == resists

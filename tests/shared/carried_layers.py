@@ -12,5 +12,5 @@ def with_layer(model: Any, patches: Any, thickness: float, *, offered: bool = Fa
     sliding = model.standard_motion.sliding
     layer = BoundaryLayer.build(model.points, model.cells, patches, thickness=thickness, sliding=sliding)
     if offered:
-        return replace(model, layered=SimpleNamespace(layer=layer, spoiled_by=lambda moved: True))
+        return replace(model, layered=SimpleNamespace(layer=layer, thin=True, spoiled_by=lambda moved: True))
     return replace(model, standard_motion=model.standard_motion.with_layer(layer), layered=None)

@@ -9,9 +9,11 @@ from docs.studies.aerofoil_grids import o_grid, wing
 
 
 def grid(kind):
-    """An aerofoil with first cells of 1e-4 chords, in quads or triangles, or a wing, in a narrow domain."""
+    """An aerofoil with first cells of 1e-4 chords (``even``: 0.02) in quads or triangles, or a wing; narrow domains."""
     if kind == "wing":
         found = wing(o_grid("blunt", around=24, layers=12, first=1e-3, far=8.0), stations=6)
+    elif kind == "even":
+        found = o_grid("blunt", around=64, layers=16, first=0.02, far=8.0)
     else:
         found = o_grid("blunt", around=32, layers=16, first=1e-4, far=8.0)
     cells = found.cells

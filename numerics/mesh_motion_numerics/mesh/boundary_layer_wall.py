@@ -119,6 +119,23 @@ class MovingWall:
         """(s,) number of the connected part of each facet."""
         return _connected(self.simplices, len(self.nodes))
 
+    def body_sides(self, box: Floats) -> Floats:
+        """(s,) longest side of each facet's body; 0 if its wall has a rim or is not in the interior of the box (2, d).
+
+        Unit: mesh length unit.
+        """
+        body, d = self.bodies(), self.reference.shape[1]
+        ridges = np.sort(np.concatenate([np.delete(self.simplices, i, axis=1) for i in range(d)]), axis=1)
+        _, numbers, count = np.unique(ridges, axis=0, return_inverse=True, return_counts=True)
+        closed = np.ones(body.max(initial=-1) + 1, dtype=bool)
+        closed[np.tile(body, d)[count[numbers.reshape(-1)] != 2]] = False
+        low, high = np.full((len(closed), d), np.inf), np.full((len(closed), d), -np.inf)
+        corners = self.reference[self.simplices]
+        np.minimum.at(low, body, corners.min(axis=1))
+        np.maximum.at(high, body, corners.max(axis=1))
+        inside = closed & ((low > box[0]) & (high < box[1])).all(axis=1)
+        return np.asarray(np.where(inside, (high - low).max(axis=1, initial=0.0), 0.0)[body])
+
     def closest(self, points: Floats, within: float = np.inf) -> tuple[WallPlaces, Integers]:
         """The places of the reference wall nearest to points (l, d), and the facet (l,) on which each lies.
 

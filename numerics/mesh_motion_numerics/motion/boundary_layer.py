@@ -33,7 +33,7 @@ import numpy as np
 
 from mesh_motion_numerics.arrays import Floats, Integers, Marks
 from mesh_motion_numerics.mesh.boundary_facets import boundary_facets
-from mesh_motion_numerics.mesh.boundary_layer_nodes import LayerNodes, layer_nodes
+from mesh_motion_numerics.mesh.boundary_layer_nodes import LayerNodes, first_row, furthest, layer_nodes
 from mesh_motion_numerics.mesh.boundary_layer_wall import MovingWall
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.mesh.points import marks_at
@@ -79,12 +79,13 @@ class BoundaryLayer:
         cells: CellTable,
         patches: Mapping[str, Patch],
         *,
-        thickness: float,
+        thickness: float | None,
         sliding: SlidingSurfaces | None = None,
         facets: Mapping[str, Integers] | None = None,
     ) -> BoundaryLayer | None:
         """The layer of a checked mesh with reference coordinates ``points`` (n, d); None if no node belongs to it.
 
+        Without a ``thickness``, mesh length unit, it is the first cells at bodies (:func:`.first_row`).
         ``facets`` (f, k), of the whole boundary by type, are needed if ``cells`` are only the cells near the wall.
         """
         facets = boundary_facets(cells) if facets is None else facets
@@ -92,7 +93,8 @@ class BoundaryLayer:
         if wall is None:
             return None
         prescribed = marks_at(len(points), BoundaryRoles.from_patches(patches).prescribed)
-        tied = layer_nodes(points, cells, facets, patches, wall, thickness)
+        where = points, cells, facets, patches, wall
+        tied = first_row(*where) if thickness is None else layer_nodes(*where, thickness)
         heights = np.zeros(len(wall.nodes))
         distances = np.where(tied.places.weights > 0.0, np.linalg.norm(tied.offsets, axis=1)[:, None], 0.0)
         np.maximum.at(heights, tied.places.corners, distances)
@@ -105,6 +107,13 @@ class BoundaryLayer:
     def nodes(self) -> Integers:
         """(l,) nodes of the layer, ascending."""
         return self.tied.nodes
+
+    @property
+    def reach(self) -> float:
+        """Upper limit for the distance of the layer's nodes from the wall, mesh length unit."""
+        places, _ = self.wall.closest(self.points[self.nodes])  # a foot of a column may be farther away
+        distances = np.linalg.norm(self.points[self.nodes] - places.of(self.wall.reference), axis=1)
+        return furthest(float(distances.max()), 1)
 
     @cached_property
     def known(self) -> Marks:

@@ -120,7 +120,7 @@ class BoundaryMotion:
         constraint = BoundaryConstraint.build(points, facets, patches, motion.surfaces, motion.sliding, motion.periodic)
         smooth = None if constraint is None else constraint.smooth()
         if len(near):
-            layered = LayeredWalls.build(points, near, patches, motion.sliding, facets)
+            layered = LayeredWalls.build(points, near, patches, motion.sliding, facets, first_cells=True)
             motion = motion if layered is None else motion.with_layer(layered.layer)
         rims = PlaneRims.build(points, facets, patches, motion.surfaces, roles.moving)
         return cls(motion, _bodies(roles, patches), rims, smooth)
@@ -347,7 +347,7 @@ def reach_of_layers(
     if wall is None:
         return 0.0, None
     if len(near):
-        layered = LayeredWalls.build(points, near, patches, None, facets)
+        layered = LayeredWalls.build(points, near, patches, None, facets, first_cells=True)
         reach = 0.0 if layered is None else layered.reach
     else:
         reach = _ON_WALL * float(np.linalg.norm(np.ptp(bounding_box(points), axis=0)))

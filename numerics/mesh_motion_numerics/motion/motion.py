@@ -316,7 +316,7 @@ class MotionModel(DifferentiableMesh):
 
         The plain motion itself may spoil it, and so may a correction.
         """
-        if self.layered is None:
+        if self.layered is None or not self.layered.thin:
             return None
         corrected = plain.quality.metric.min < self.method.quality_threshold and self.method.correction != "none"
         layer = self.layered.layer if corrected or self.layered.spoiled_by(plain.trial.points) else None

@@ -108,7 +108,7 @@ class PreparedMesh:
         constraint = BoundaryConstraint.build(points, facets, patches, motion.surfaces, motion.sliding, motion.periodic)
         is_smooth = method.correction == "smooth"
         smooth = SmoothMotion.build(points, cells, held, constraint) if is_smooth else None
-        layered = LayeredWalls.build(points, cells, patches, motion.sliding)
+        layered = LayeredWalls.build(points, cells, patches, motion.sliding, first_cells=is_smooth)
         return cls(
             points,
             cells,
