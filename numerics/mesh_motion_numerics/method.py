@@ -132,9 +132,9 @@ class Method:
         _CORRECTION,
         'How the mesh is corrected to keep its quality. `"smooth"`: the mesh is a smooth function of where the '
         "boundary is; the correction begins when a cell has lost a tenth of its shape or size at rest, has no "
-        "threshold and no target, and layers of thin cells, and first cells at bodies, always move with their wall. "
-        "The others correct a motion that is predicted below the threshold; layers move with their wall if they would "
-        "lose their quality. "
+        "threshold and no target, and layers of thin cells, and first cells at plane bodies, always move with their "
+        "wall. The others correct a motion that is predicted below the threshold; layers move with their wall if they "
+        "would lose their quality. "
         'Default: `"smooth"`, unless a key asks for what only `"optimised"` has (a displacement `"relative"`, another '
         'metric, a target, a reduction). A motion for which `"smooth"` finds no mesh is corrected as `"optimised"` '
         "does, with a warning.",

@@ -102,10 +102,9 @@ def test_first_cells_that_would_make_the_body_much_larger_are_not_carried(rings:
     assert model.carrying_layers.layer is None
 
 
-@pytest.mark.parametrize("kind", ["quad", "tetra"])
-def test_first_cells_of_a_wall_at_the_mesh_s_border_are_not_carried(kind: str) -> None:
-    """Nothing turns with its far side; and the row on a wall with a rim would end within the mesh."""
-    mesh = box_mesh(kind, 40 if kind == "quad" else 20)
+def test_first_cells_of_a_wall_at_the_mesh_s_border_are_not_carried() -> None:
+    """It has no far side, and the row would end within the mesh."""
+    mesh = box_mesh("quad", 40)
     floor = np.flatnonzero(mesh.points[:, -1] == mesh.points[:, -1].min())
     lid = np.flatnonzero(mesh.points[:, -1] == mesh.points[:, -1].max())
     patches = {"floor": Patch("moving", floor), "lid": Patch("fixed", lid)}

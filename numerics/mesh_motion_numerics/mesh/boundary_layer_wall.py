@@ -120,15 +120,13 @@ class MovingWall:
         return _connected(self.simplices, len(self.nodes))
 
     def body_sides(self, box: Floats) -> Floats:
-        """(s,) longest side of each facet's body; 0 if its wall has a rim or is not in the interior of the box (2, d).
+        """(s,) longest side of each segment's body in 2D, mesh length unit.
 
-        Unit: mesh length unit.
+        0 if the body has an end, or is not in the interior of the box (2, 2).
         """
         body, d = self.bodies(), self.reference.shape[1]
-        ridges = np.sort(np.concatenate([np.delete(self.simplices, i, axis=1) for i in range(d)]), axis=1)
-        _, numbers, count = np.unique(ridges, axis=0, return_inverse=True, return_counts=True)
         closed = np.ones(body.max(initial=-1) + 1, dtype=bool)
-        closed[np.tile(body, d)[count[numbers.reshape(-1)] != 2]] = False
+        closed[body[(np.bincount(self.simplices.ravel())[self.simplices] != 2).any(axis=1)]] = False
         low, high = np.full((len(closed), d), np.inf), np.full((len(closed), d), -np.inf)
         corners = self.reference[self.simplices]
         np.minimum.at(low, body, corners.min(axis=1))

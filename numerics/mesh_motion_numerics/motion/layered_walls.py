@@ -5,9 +5,10 @@ preserves such cells where other boundaries are far away. In a narrow passage th
 that the cells lean over and change their height. Then the layer moves with its wall (:mod:`.boundary_layer`); its
 thickness is the height of the thin cells, at most their length.
 
-Without thin cells, a motion that is a function of the boundary carries the first cells at bodies instead. Interpolation
-knows no points inside a body: if a circle in even triangles turns by 45°, its first cells turn by 26° against the wall
-and change their height by 30 %; carried ones by 2.2° and 4 %, and the smallest shape of all cells is the same to 0.01.
+Without thin cells, a motion that is a function of the boundary carries the first cells at plane bodies instead.
+Interpolation knows no points inside a body: if a circle in even triangles turns by 45°, its first cells turn by 26°
+against the wall and change their height by 30 %; carried ones by 2.2° and 4 %, and the smallest shape of all cells is
+the same to 0.01. In 3D the shape would pay for it: a wing that turns by 30° keeps 0.48 of its quality, not 0.51.
 """
 
 from __future__ import annotations
@@ -69,7 +70,7 @@ class LayeredWalls:
         *,
         first_cells: bool = False,
     ) -> LayeredWalls | None:
-        """Build them for a checked mesh; None if no moving wall has layers and no ``first_cells`` are wanted.
+        """Build them for a checked mesh; None if no moving wall has layers, and no ``first_cells`` in 2D are wanted.
 
         ``facets`` (f, k), of the whole boundary by type, are needed if ``cells`` are only the cells near the walls.
         """
@@ -81,7 +82,7 @@ class LayeredWalls:
         above, height, along = _first_edges(points, cells, on_wall)
         layered = height[wall.nodes] * _THIN < along[wall.nodes]
         if np.count_nonzero(layered) < _LAYERED * len(wall.nodes):
-            if not first_cells:
+            if not first_cells or points.shape[1] != 2:
                 return None
             layered[:] = False
         rows = np.flatnonzero(layered)
