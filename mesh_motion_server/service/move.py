@@ -85,7 +85,7 @@ def run(session: Session, requests: Sequence[Move]) -> list[Moved]:
             iteration=outcome.iteration,
             quality=quality,
             correction=correction,
-            caches=dict(motion.caches),
+            caches={**motion.caches, "bytes": session.factors.held()},
             seconds={name: float(value) for name, value in motion.seconds.items()},
             warnings=shortened(list(motion.warnings)),
             faces=faces if request.report == "faces" else {},

@@ -4,12 +4,11 @@ import numpy as np
 import pytest
 from mesh_motion_numerics.distributed.field import Field
 from mesh_motion_numerics.interpolation.centres import CentreLayout
-from mesh_motion_numerics.interpolation.evaluation import displacement, gradient
+from mesh_motion_numerics.interpolation.evaluation import NearOperator, displacement, gradient
 from mesh_motion_numerics.interpolation.interpolant import Interpolant, factorize
 from mesh_motion_numerics.interpolation.kernels import BASES
 from mesh_motion_numerics.interpolation.two_scale.factorization import TwoScalePlan
 from mesh_motion_numerics.interpolation.two_scale.interpolant import AnyInterpolant
-from mesh_motion_numerics.interpolation.two_scale.near_operator import NearOperator
 from two_scale_boundaries import boundary, graded_circle, sphere, square, walls
 
 RANDOM = np.random.default_rng(11)

@@ -111,9 +111,7 @@ def test_coupling_iterations_reuse_what_a_step_has_made_and_a_step_makes_its_own
             reported.append((motion.caches["factorization"], motion.caches["operators"]))
             alone = model.move(committed, targets)
             assert motion.points.tobytes() == alone.points.tobytes()
-            assert alone.caches["bytes"] == {}
         assert reported == [("made", "made"), ("reused", "reused"), ("reused", "reused")]
-        assert motion.caches["bytes"] == cache.held()
         assert set(cache.held()) == {"factorization", "operators"}
         committed = motion.points
 

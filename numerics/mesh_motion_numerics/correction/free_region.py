@@ -6,7 +6,6 @@ any number of threads.
 """
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -25,9 +24,6 @@ __all__ = ["CellAdjacency", "FreeRegion", "NodeAdjacency", "free_region", "grow"
 _DIAGONALS = np.array([[0, 6], [1, 7], [2, 4], [3, 5]])  # of a hexahedron
 _LEAST_AGGREGATE = 64  # nodes
 _AGGREGATES = {1: 800, 2: 800, 3: 200}  # at most, by dimension: their factorization takes a few per cent of a step
-
-
-Elimination = tuple[Integers, Integers, Integers]
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,24 +55,12 @@ class NodeAdjacency:
         size = max(_LEAST_AGGREGATE, math.ceil(n_free / most))
         return np.asarray(kernels.node_aggregates(self.row_starts, self.columns, size))
 
-    def elimination(self, places: Floats) -> Elimination:
-        """The order in which the nodes at places (f, d) are eliminated, and the pattern of the Hessian's factor."""
-        found: Elimination = kernels.elimination(self.row_starts, self.columns, np.ascontiguousarray(places))
-        return found
-
-    def factorized(self, hessian: Floats, elimination: Elimination) -> Callable[[Floats], Floats] | None:
-        """Return a solver of H (b, d, d) x = right (f, d) for x (f, d); None if H is not positive definite."""
-        shape = hessian.shape[1:]
-        factor = np.empty((len(self.row_starts) - 1, *shape)), np.empty((len(elimination[2]), *shape))
-        if not kernels.block_cholesky(self.row_starts, self.columns, hessian, *elimination, *factor):
-            return None
-
-        def substitute(right: Floats) -> Floats:
-            x = np.empty_like(right)
-            kernels.block_cholesky_solve(*elimination, *factor, right, x)
-            return x
-
-        return substitute
+    def iterated(self, hessian: Floats, right: Floats, accuracy: float, most: int) -> Floats:
+        """(f, d) the solution of H (b, d, d) x = right (f, d) by conjugate gradients, to this relative accuracy."""
+        x = np.empty_like(right)
+        pattern = self.row_starts, self.columns
+        kernels.block_conjugate_gradients(*pattern, hessian, self.aggregates, right, accuracy, most, x)
+        return x
 
     def gather(self, corner_values: Floats) -> Floats:
         """Sum the corners' shares (c, d + 1, d) at the free nodes: (f, d)."""

@@ -13,15 +13,15 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
-import mesh_motion_kernels as kernels
 import numpy as np
 
 from mesh_motion_numerics.arrays import Floats
 from mesh_motion_numerics.correction.boundary_constraint import RegionConstraint
 from mesh_motion_numerics.correction.distortion import FLOOR, PNorm
-from mesh_motion_numerics.correction.free_region import Elimination, FreeRegion, NodeAdjacency
+from mesh_motion_numerics.correction.free_region import FreeRegion, NodeAdjacency
 from mesh_motion_numerics.correction.linked_unknowns import StepSolver
 from mesh_motion_numerics.correction.region_measure import RegionMeasure, region_measure
+from mesh_motion_numerics.interpolation.factorizations.sparse_cholesky import Elimination, SparseCholesky
 from mesh_motion_numerics.stopwatch import check_time
 
 __all__ = ["Accuracy", "Descent", "newton"]
@@ -165,17 +165,15 @@ def _elimination(
         adjacency, places = constraint.links.adjacency, places[constraint.links.roots]
     if places.size > most:
         return None
-    return adjacency.elimination(places)
+    return Elimination.of(adjacency.row_starts, adjacency.columns, places)
 
 
 def _solve(
     adjacency: NodeAdjacency, hessian: Floats, right: Floats, elimination: Elimination | None, rough: tuple[float, int]
 ) -> Floats:
     """The step (f, d) of H (b, d, d) dx = right (f, d); ``rough`` is the accuracy if conjugate gradients are needed."""
-    solve = None if elimination is None else adjacency.factorized(hessian, elimination)
-    if solve is not None:
-        return solve(right)
-    # also for a singular matrix: conjugate gradients stay in its range
-    step, pattern = np.empty_like(right), (adjacency.row_starts, adjacency.columns)
-    kernels.block_conjugate_gradients(*pattern, hessian, adjacency.aggregates, right, *rough, step)
-    return step
+    if elimination is not None:
+        factor = SparseCholesky.build(adjacency.row_starts, adjacency.columns, hessian, elimination)
+        if factor is not None:
+            return factor.solve(right)
+    return adjacency.iterated(hessian, right, *rough)  # also for a singular matrix: they stay in its range

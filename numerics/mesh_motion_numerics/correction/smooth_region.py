@@ -14,7 +14,8 @@ import numpy as np
 
 from mesh_motion_numerics.arrays import Floats
 from mesh_motion_numerics.correction.boundary_constraint import RegionConstraint
-from mesh_motion_numerics.correction.free_region import Elimination, FreeRegion, NodeAdjacency
+from mesh_motion_numerics.correction.free_region import FreeRegion, NodeAdjacency
+from mesh_motion_numerics.interpolation.factorizations.sparse_cholesky import Elimination, SparseCholesky
 
 __all__ = ["SmoothRegion"]
 
@@ -36,8 +37,8 @@ class SmoothRegion:
     ----------
     constraint : RegionConstraint or None
         The constraint of free nodes that slide or move together.
-    elimination : tuple of three arrays, or None
-        Order and pattern of the Newton systems' factor; None if conjugate gradients are faster.
+    elimination : Elimination or None
+        Of the Newton systems' factor; None if conjugate gradients are faster.
     weights : (c,) array
         w_c of its corners.
     gradient : (b,) array, 1 / length²
@@ -65,7 +66,7 @@ class SmoothRegion:
         if constraint is not None:
             unknowns, places = constraint.links.adjacency, places[constraint.links.roots]
         direct = places.size <= _DIRECT_UNKNOWNS[d]
-        elimination = unknowns.elimination(places) if direct else None
+        elimination = Elimination.of(unknowns.row_starts, unknowns.columns, places) if direct else None
         return cls(free, constraint, elimination, weights, gradient, mass)
 
     def of_motion(self, plain: Floats, sigma: Floats) -> SmoothRegion:
@@ -97,18 +98,11 @@ class SmoothRegion:
 
     def _system(self, adjacency: NodeAdjacency, hessian: Floats, accuracy: float) -> Callable[[Floats], Floats]:
         if self.elimination is None:
-            pattern, until = (adjacency.row_starts, adjacency.columns), (accuracy, _CG_ITERATIONS)
-
-            def iterate(right: Floats) -> Floats:
-                step = np.empty_like(right)
-                kernels.block_conjugate_gradients(*pattern, hessian, adjacency.aggregates, right, *until, step)
-                return step
-
-            return iterate
-        solve = adjacency.factorized(hessian, self.elimination)
-        if solve is None:
+            return partial(adjacency.iterated, hessian, accuracy=accuracy, most=_CG_ITERATIONS)
+        factor = SparseCholesky.build(adjacency.row_starts, adjacency.columns, hessian, self.elimination)
+        if factor is None:
             raise ArithmeticError("the matrix is not positive definite")
-        return solve
+        return factor.solve
 
     def admitted(self, points: Floats) -> Floats:
         """The local positions (l, d) put back onto walls, with equal images, so that rounding errors do not add up."""

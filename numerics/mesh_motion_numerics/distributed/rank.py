@@ -22,7 +22,7 @@ from mesh_motion_numerics.distributed.order_statistics import BinContent, Way
 from mesh_motion_numerics.distributed.region import Extent, Region, region_fields
 from mesh_motion_numerics.distributed.summaries import first_questions
 from mesh_motion_numerics.interpolation import evaluation
-from mesh_motion_numerics.interpolation.evaluation import NearOperators
+from mesh_motion_numerics.interpolation.evaluation import NearOperator
 from mesh_motion_numerics.interpolation.two_scale.interpolant import AnyInterpolant, TwoScaleInterpolant
 from mesh_motion_numerics.mesh.boundary_facets import boundary_facets, boundary_nodes
 from mesh_motion_numerics.mesh.cells import CellTable
@@ -64,7 +64,7 @@ class Rank:
         spanning = np.concatenate([points.argmin(axis=0), points.argmax(axis=0)])
         self.nodes: Integers = np.unique(np.concatenate([patch_nodes, boundary_nodes(read.cells), spanning]))
         self._boundary, self._sent = len(self.nodes), np.zeros(len(read.cells), dtype=bool)
-        self._last: tuple[Field, AnyInterpolant, NearOperators | None] | None = None
+        self._last: tuple[Field, AnyInterpolant, list[NearOperator] | None] | None = None
         self._judged: CountedCells | None = None
         self._moved = np.empty_like(points)  # reused: allocating new memory takes half the time of judging
 
@@ -139,7 +139,7 @@ class Rank:
         found += self._points
         return found
 
-    def _prepared(self, field: Field) -> tuple[AnyInterpolant, NearOperators | None]:
+    def _prepared(self, field: Field) -> tuple[AnyInterpolant, list[NearOperator] | None]:
         """The interpolant of a field, with the data that stays constant while only coefficients change."""
         last = self._last
         if last is not None and field.differs_in_coefficients_only(last[0]):
@@ -147,7 +147,8 @@ class Rank:
         self._last = last = None  # first delete the old data: both may not fit into memory
         interpolant, prepared = field.interpolant(), None
         if isinstance(interpolant, TwoScaleInterpolant):
-            prepared = evaluation.prepare(interpolant, self._points, skipped=self.nodes)
+            levels = interpolant.levels
+            prepared = [NearOperator.build(level, self._points, skipped=self.nodes) for level in levels]
         self._last = field, interpolant, prepared
         return interpolant, prepared
 

@@ -91,6 +91,17 @@ class SparseRows(NamedTuple):
     indices: Shorts
     data: Floats
 
+    @property
+    def nbytes(self) -> int:
+        """Bytes of the matrix."""
+        return self.indptr.nbytes + self.indices.nbytes + self.data.nbytes
+
+    def product(self, vectors: Floats) -> Floats:
+        """(m, k) product with (n, k) vectors; each row is one thread's sum, in stored order."""
+        out = np.zeros((len(self.indptr) - 1, vectors.shape[1]))
+        kernels.add_product(np.arange(len(out)), *self, np.ascontiguousarray(vectors), out)
+        return out
+
     def matrix(self, columns: int) -> csr_array:
         """Return the matrix (m, columns) for SciPy."""
         return csr_array((self.data, self.indices, self.indptr), shape=(len(self.indptr) - 1, columns))

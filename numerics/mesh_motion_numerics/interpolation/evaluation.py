@@ -6,103 +6,127 @@ depends on the interpolant and that point alone: bitwise the same for any number
 points into calls.
 """
 
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import mesh_motion_kernels as kernels
 import numpy as np
 from mesh_motion_protocol.errors import InvalidInput
 
 from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_numerics.interpolation.assembly import SparseRows, rows_near, sparse_rows
 from mesh_motion_numerics.interpolation.interpolant import Interpolant
 from mesh_motion_numerics.interpolation.kernels import require_gradient
 from mesh_motion_numerics.interpolation.two_scale.interpolant import AnyInterpolant, TwoScaleInterpolant
-from mesh_motion_numerics.interpolation.two_scale.near_operator import NearOperator
+from mesh_motion_numerics.interpolation.two_scale.nested_grid import NestedSpline
 from mesh_motion_numerics.mesh.points import padded
 
-__all__ = ["NearOperators", "displacement", "gradient", "prepare"]
+__all__ = ["NearOperator", "displacement", "gradient"]
 
 
-NearOperators = tuple[NearOperator, ...]
-"""The data of an interpolant in two scales that depend only on control points and points: one operator a level."""
+@dataclass(frozen=True, eq=False)
+class NearOperator:
+    """The values of all functions of a compact level at given places, as a sparse matrix.
 
+    Few places are within reach of a level, and each of them is near few centres. The matrix depends only on centres and
+    places, so it is made once for a state of the mesh and used for all displacements from this state.
 
-def prepare(
-    interpolant: TwoScaleInterpolant,
-    points: Floats,
-    *,
-    skipped: Integers | None = None,
-) -> NearOperators:
-    """The compact levels' operators at (n, d) points; at the rows ``skipped`` (r,) the operators are zero.
-
-    It saves work if many interpolants of the same control points are evaluated at the same points. Raises InvalidInput
-    if the points' dimension is not the interpolant's.
+    Attributes
+    ----------
+    rows : (r,) int64 array
+        Places that the level may reach, with neighbours next to each other; at all other places the level is 0.
+    matrix : SparseRows
+        Values of the level's functions there.
     """
-    _check_dimension(interpolant, points)
-    return tuple(NearOperator.build(level, points, skipped=skipped) for level in interpolant.levels)
+
+    rows: Integers
+    matrix: SparseRows
+
+    @classmethod
+    def build(cls, level: Interpolant, points: Floats, *, skipped: Integers | None = None) -> NearOperator:
+        """The operator of a compact level, whatever its weights, at points (n, d) but for the rows ``skipped`` (u,)."""
+        rows, near = rows_near(level.layout, level.support_radius, points, skipped=skipped)
+        return cls(rows, sparse_rows(level.layout, level.basis, level.support_radius, near))
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of the operator."""
+        return self.rows.nbytes + self.matrix.nbytes
+
+    def add(self, weights: Floats, out: Floats) -> None:
+        """Add the level with weights (nc, k) to ``out`` (n, k)."""
+        kernels.add_product(self.rows, *self.matrix, np.ascontiguousarray(weights), out)
+
+    def transpose(self, weights: Floats, centres: int) -> Floats:
+        """The transpose: (nc, k) derivatives by the weights of the ``centres``, for (n, k) weights of the values."""
+        out = np.empty((centres, weights.shape[1]))
+        kernels.transposed_product(self.rows, *self.matrix, np.ascontiguousarray(weights), out)
+        return out
 
 
 def displacement(
-    interpolant: AnyInterpolant,
+    field: AnyInterpolant | NestedSpline,
     points: Floats,
-    prepared: NearOperators | None = None,
+    prepared: Sequence[NearOperator] | None = None,
 ) -> Floats:
-    """(n, k) values at (n, d) points, thesis (2.5).
+    """(n, k) values of an interpolant, or of a spline, at (n, d) points, thesis (2.5).
 
     Raises InvalidInput if the points' dimension is not the interpolant's.
 
     Parameters
     ----------
     points : (n, d) array, mesh length unit
-    prepared : NearOperators, optional
-        Result of :func:`prepare` for these points and for an interpolant of the same factorization. The values are
-        bitwise the same with and without it, except at the ``skipped`` rows.
+    prepared : sequence of NearOperator, optional
+        Of each compact level at these points, made for an interpolant of the same factorization. The values are bitwise
+        the same with and without it, except at the rows that the operators skip.
     """
-    if isinstance(interpolant, Interpolant):
-        _check_dimension(interpolant, points)
-        layout, weights = interpolant.layout, interpolant.weights[interpolant.layout.order]
-        out = layout.product(interpolant.basis, interpolant.support_radius, padded(points), weights)
-        if interpolant.polynomial is not None:
-            out += interpolant.polynomial(points)
+    if isinstance(field, TwoScaleInterpolant):
+        out = displacement(field.coarse, points)
+        near = [NearOperator.build(level, points) for level in field.levels] if prepared is None else prepared
+        for level, operator in zip(field.levels, near, strict=True):
+            operator.add(level.weights, out)
         return out
-    near = prepare(interpolant, points) if prepared is None else prepared
-    out = np.empty((len(points), interpolant.components))
-    if isinstance(interpolant.coarse, Interpolant):
-        out[:] = displacement(interpolant.coarse, points)
-    else:
-        interpolant.coarse.values(points, out)
-    for level, operator in zip(interpolant.levels, near, strict=True):
-        operator.add(level.weights, out)
+    _check_dimension(field, points)
+    if isinstance(field, NestedSpline):
+        return field.values(points)
+    layout, weights = field.layout, field.weights[field.layout.order]
+    out = layout.product(field.basis, field.support_radius, padded(points), weights)
+    if field.polynomial is not None:
+        out += field.polynomial(points)
     return out
 
 
-def gradient(interpolant: AnyInterpolant, points: Floats) -> Floats:
+def gradient(field: AnyInterpolant | NestedSpline, points: Floats) -> Floats:
     """(n, k, d) gradients ``[i, c, m] = ∂u_c/∂x_m`` at (n, d) points.
 
     Raises InvalidInput if the basis has no gradient at its centres, or the points' dimension is not the interpolant's.
     """
-    require_gradient(interpolant.basis)
-    _check_dimension(interpolant, points)
-    out = np.empty((len(points), interpolant.components, interpolant.dimension))
-    if isinstance(interpolant, Interpolant):
-        layout = interpolant.layout
-        centres = layout.coordinates, np.ascontiguousarray(interpolant.weights[layout.order].T)
-        scale = 1.0 / interpolant.support_radius
-        kernels.sum_gradients(interpolant.basis.code, padded(points), *centres, scale, *layout.grid, out)
-        if interpolant.polynomial is not None:
-            out += interpolant.polynomial.gradient
+    if isinstance(field, TwoScaleInterpolant):
+        require_gradient(field.basis)
+        out = gradient(field.coarse, points)
+        for level in field.levels:
+            near = level.layout.within_reach(points)
+            out[near] += gradient(level, points[near])
         return out
-    if isinstance(interpolant.coarse, Interpolant):
-        out[:] = gradient(interpolant.coarse, points)
-    else:
-        interpolant.coarse.gradients(points, out)
-    for level in interpolant.levels:
-        near = level.layout.within_reach(points)
-        out[near] += gradient(level, points[near])
+    _check_dimension(field, points)
+    if isinstance(field, NestedSpline):
+        return field.gradients(points)
+    require_gradient(field.basis)
+    out = np.empty((len(points), field.components, field.dimension))
+    layout = field.layout
+    centres = layout.coordinates, np.ascontiguousarray(field.weights[layout.order].T)
+    kernels.sum_gradients(field.basis.code, padded(points), *centres, 1.0 / field.support_radius, *layout.grid, out)
+    if field.polynomial is not None:
+        out += field.polynomial.gradient
     return out
 
 
-def _check_dimension(interpolant: AnyInterpolant, points: Floats) -> None:
+def _check_dimension(field: Interpolant | NestedSpline, points: Floats) -> None:
     """Refuse points whose shape is not (n, d)."""
-    if points.ndim != 2 or points.shape[1] != interpolant.dimension:
+    if points.ndim != 2 or points.shape[1] != field.dimension:
         raise InvalidInput(
-            f"expected points of shape (n, {interpolant.dimension}), got {points.shape}",
+            f"expected points of shape (n, {field.dimension}), got {points.shape}",
             code="INVALID_ARGUMENT.SHAPE",
         )

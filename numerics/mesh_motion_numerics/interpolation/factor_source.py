@@ -3,31 +3,28 @@
 import hashlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Protocol, TypeVar
 
 import mesh_motion_kernels as kernels
 import numpy as np
 
 from mesh_motion_numerics.arrays import Floats, Integers
-from mesh_motion_numerics.interpolation.evaluation import NearOperators
+from mesh_motion_numerics.interpolation.evaluation import NearOperator
 from mesh_motion_numerics.interpolation.interpolant import Factorization, Interpolant, factorize
 from mesh_motion_numerics.interpolation.kernels import Basis, basis_named, checked_radius
 from mesh_motion_numerics.interpolation.two_scale.factorization import TwoScalePlan
-from mesh_motion_numerics.interpolation.two_scale.interpolant import AnyInterpolant, TwoScaleInterpolant
-from mesh_motion_numerics.interpolation.two_scale.near_operator import NearOperator
+from mesh_motion_numerics.interpolation.two_scale.interpolant import AnyInterpolant
 from mesh_motion_numerics.method import Method
 
 __all__ = [
-    "CacheReport",
     "DeferredFactorization",
     "FactorSource",
     "MakeEachTime",
     "Recorded",
     "factorization_of",
+    "operators_of",
     "point_digest",
-    "prepared_for",
-    "prepared_levels",
     "two_scale_factorization_of",
 ]
 
@@ -43,9 +40,6 @@ class Kept(Protocol):
 
 K = TypeVar("K", bound=Kept)
 
-CacheReport = dict[str, str | int | dict[str, int]]
-"""``"reused"`` or ``"made"`` for each kind of data, and ``bytes`` kept of each."""
-
 
 class FactorSource(Protocol):
     """Keeps data that depend only on a state of the mesh, for later motions that need them again.
@@ -58,10 +52,6 @@ class FactorSource(Protocol):
         """Return the object with this ``key`` and kind, and whether it was reused."""
         ...
 
-    def held(self) -> dict[str, int]:
-        """Bytes kept for each kind."""
-        ...
-
 
 class MakeEachTime:
     """A factor source that keeps nothing."""
@@ -71,16 +61,13 @@ class MakeEachTime:
         del key, kind
         return make(), False
 
-    def held(self) -> dict[str, int]:
-        """Always empty."""
-        return {}
-
 
 @dataclass
 class Recorded:
     """A factor source that records what a motion found in another one."""
 
     source: FactorSource
+    #: ``"reused"`` for each kind whose objects were all found, otherwise ``"made"``.
     found: dict[str, str] = field(default_factory=dict, init=False)
 
     def get_or_make(self, key: bytes, make: Callable[[], K], kind: str = "factorization") -> tuple[K, bool]:
@@ -89,14 +76,6 @@ class Recorded:
         if not reused or kind not in self.found:
             self.found[kind] = "reused" if reused else "made"
         return found, reused
-
-    def held(self) -> dict[str, int]:
-        """Bytes that the other source keeps for each kind."""
-        return self.source.held()
-
-    def report(self) -> CacheReport:
-        """``"reused"`` for each kind whose objects were all found, otherwise ``"made"``; ``bytes`` kept for each."""
-        return {**self.found, "bytes": self.source.held()}
 
 
 def point_digest(points: Floats) -> bytes:
@@ -119,9 +98,8 @@ def factorization_of(control_points: Floats, method: Method, factors: FactorSour
     basis, radius = method.basis, method.support_radius
     digest = hashlib.sha256(repr((basis, radius, control_points.shape)).encode())
     digest.update(point_digest(control_points))
-    return factors.get_or_make(digest.digest(), lambda: factorize(control_points, basis=basis, support_radius=radius))[
-        0
-    ]
+    make = partial(factorize, control_points, basis=basis, support_radius=radius)
+    return factors.get_or_make(digest.digest(), make)[0]
 
 
 def two_scale_factorization_of(
@@ -135,36 +113,24 @@ def two_scale_factorization_of(
     digest = hashlib.sha256(repr(("two-scale", plan.support_radius, plan.smoothing, control_points.shape)).encode())
     digest.update(np.ascontiguousarray(box).data)
     digest.update(point_digest(control_points))
-    return factors.get_or_make(digest.digest(), lambda: plan.factorize(control_points, box[0], box[1]))[0]
+    return factors.get_or_make(digest.digest(), partial(plan.factorize, control_points, *box))[0]
 
 
-def prepared_for(
-    interpolant: AnyInterpolant, points: Floats, factors: FactorSource, *, skipped: Integers
-) -> NearOperators | None:
-    """Return the prepared operators of an interpolant in two scales at points (n, d), except the ``skipped`` rows.
-
-    None for any other interpolant, and without compact levels.
-    """
-    if not isinstance(interpolant, TwoScaleInterpolant) or not interpolant.levels:
-        return None
-    return prepared_levels(interpolant.levels, points, factors, skipped=skipped)
-
-
-def prepared_levels(
+def operators_of(
     levels: Sequence[Interpolant], points: Floats, factors: FactorSource, *, skipped: Integers
-) -> NearOperators:
+) -> tuple[NearOperator, ...]:
     """The operator of each compact level at points (n, d), except the ``skipped`` rows (r,)."""
+    if not levels:
+        return ()
     places = hashlib.sha256(point_digest(points))
     places.update(np.ascontiguousarray(skipped).data)
-
-    def prepared(level: Interpolant) -> NearOperator:
+    found = []
+    for level in levels:
         digest = places.copy()
         digest.update(repr(level.support_radius).encode() + point_digest(level.control_points))
-        return factors.get_or_make(
-            digest.digest(), lambda: NearOperator.build(level, points, skipped=skipped), "operators"
-        )[0]
-
-    return tuple(map(prepared, levels))
+        make = partial(NearOperator.build, level, points, skipped=skipped)
+        found.append(factors.get_or_make(digest.digest(), make, "operators")[0])
+    return tuple(found)
 
 
 @dataclass(frozen=True, eq=False)

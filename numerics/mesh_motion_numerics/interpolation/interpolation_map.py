@@ -20,7 +20,8 @@ from mesh_motion_protocol.errors import InvalidInput
 from mesh_motion_numerics.arrays import Floats, Integers
 from mesh_motion_numerics.interpolation import evaluation
 from mesh_motion_numerics.interpolation.centres import CentreLayout
-from mesh_motion_numerics.interpolation.factor_source import FactorSource, MakeEachTime, prepared_levels
+from mesh_motion_numerics.interpolation.evaluation import NearOperator
+from mesh_motion_numerics.interpolation.factor_source import FactorSource, MakeEachTime, operators_of
 from mesh_motion_numerics.interpolation.factorizations.conditional import NullSpaceCholesky
 from mesh_motion_numerics.interpolation.far_field import FarFieldFactorization
 from mesh_motion_numerics.interpolation.interpolant import AllCentreFactorization, Factorization, Interpolant
@@ -29,7 +30,6 @@ from mesh_motion_numerics.interpolation.two_scale.compact_levels import CompactS
 from mesh_motion_numerics.interpolation.two_scale.factorization import TwoScaleFactorization
 from mesh_motion_numerics.interpolation.two_scale.grid_sums import on_grid, on_grid_transposed
 from mesh_motion_numerics.interpolation.two_scale.interpolant import AnyInterpolant, TwoScaleInterpolant
-from mesh_motion_numerics.interpolation.two_scale.near_operator import NearOperator
 from mesh_motion_numerics.interpolation.two_scale.nested_grid import NestedSpline
 
 __all__ = ["FieldMap", "InterpolationMap", "interpolation_map"]
@@ -188,7 +188,7 @@ class _FarField:
     def _there(self) -> NearOperator:
         """The mean's operator at the places."""
         alone = self.factorization.far(np.empty((1, 0)))
-        return prepared_levels((alone,), self.places, self.factors, skipped=self.left_out)[0]
+        return operators_of((alone,), self.places, self.factors, skipped=self.left_out)[0]
 
 
 @dataclass(frozen=True, eq=False)
@@ -268,8 +268,7 @@ class _Levels:
         mean = made.averaged(np.ascontiguousarray(values))
         coarse = made.coarse.solve(mean[made.plan.coarse])
         found = coarse if made.grid is None else made.grid.spline(on_grid(coarse, made.grid))
-        alone = TwoScaleInterpolant(found, (), made.basis, 0)
-        left, levels = mean[made.plan.distinct] - evaluation.displacement(alone, self.distinct), []
+        left, levels = mean[made.plan.distinct] - evaluation.displacement(found, self.distinct), []
         for system, here in self._systems:
             levels.append(system.exactly(left[system.level.members]))
             if here is not None:
@@ -313,7 +312,7 @@ class _Levels:
     def _systems(self) -> list[tuple[CompactSystem, NearOperator | None]]:
         """Each level with its operator at :attr:`distinct`, if a further level interpolates its residual."""
         above, nowhere = self.made.weightless.levels[:-1], np.empty(0, dtype=np.int64)
-        return [*zip_longest(self.made.systems, prepared_levels(above, self.distinct, self.factors, skipped=nowhere))]
+        return [*zip_longest(self.made.systems, operators_of(above, self.distinct, self.factors, skipped=nowhere))]
 
 
 @dataclass(frozen=True, eq=False)
@@ -326,8 +325,7 @@ class _TwoScales:
 
     def apply(self, values: Floats) -> Floats:
         coarse, weights = self.levels.solve(values)
-        alone = TwoScaleInterpolant(coarse, (), self.levels.made.basis, 0)
-        out = evaluation.displacement(alone, self.places)
+        out = evaluation.displacement(coarse, self.places)
         for there, rows in zip(self._there, weights, strict=True):
             there.add(rows, out)
         return out
@@ -352,7 +350,7 @@ class _TwoScales:
     def _there(self) -> tuple[NearOperator, ...]:
         """The levels' operators at the places."""
         made, factors = self.levels.made, self.levels.factors
-        return prepared_levels(made.weightless.levels, self.places, factors, skipped=self.left_out)
+        return operators_of(made.weightless.levels, self.places, factors, skipped=self.left_out)
 
 
 def _applied(operator: NearOperator, weights: Floats, n: int) -> Floats:

@@ -198,7 +198,7 @@ class BoundaryMotion:
             correction=Correction(trial.points, np.empty((0, committed.shape[1]))),
             reached=False,
             seconds=watch.seconds(),
-            caches=recorded.report(),
+            caches=dict(recorded.found),
             control_points=trial.control_points,
             support_radius=float(self.method.support_radius or 0.0),
             warnings=warnings,

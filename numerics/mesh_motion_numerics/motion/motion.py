@@ -363,7 +363,7 @@ class MotionModel(DifferentiableMesh):
             correction=replace(correction, quality=None),
             reached=reached,
             seconds=watch.seconds(),
-            caches=predicted.factors.report(),
+            caches=dict(predicted.factors.found),
             control_points=standard.control_points,
             support_radius=float(predicted.motion.method.support_radius or 0.0),
             warnings=warnings,

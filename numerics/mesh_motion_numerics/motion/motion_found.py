@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 from mesh_motion_numerics.arrays import Floats, Integers
 from mesh_motion_numerics.correction.correction import Correction
-from mesh_motion_numerics.interpolation.factor_source import CacheReport
 from mesh_motion_numerics.interpolation.two_scale.interpolant import AnyInterpolant
 from mesh_motion_numerics.quality.quality_summary import Judgement
 
@@ -24,8 +23,8 @@ class Motion:
     reached: bool  # whether ``corrected`` is at or above the threshold
     seconds: dict[str, float]  # wall time of ``solve``, ``predict``, ``correct``, ``displace`` and their ``total``
     #: ``"reused"`` or ``"made"`` for each cached kind (``factorization``, ``operators``), all of which depend only on
-    #: the state; ``bytes``: the cache's size for each kind; and entries that a model adds.
-    caches: CacheReport
+    #: the state.
+    caches: dict[str, str]
     control_points: Integers  # (nc,). Nodes from which the standard motion was interpolated
     support_radius: float  # r of the standard motion, mesh length unit
     warnings: list[str]

@@ -25,7 +25,7 @@ motion; it stays if there is none.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -36,12 +36,12 @@ from mesh_motion_protocol.errors import QualityRefused
 
 from mesh_motion_numerics.arrays import Floats, Integers, Marks
 from mesh_motion_numerics.interpolation import evaluation
-from mesh_motion_numerics.interpolation.evaluation import NearOperators
+from mesh_motion_numerics.interpolation.evaluation import NearOperator
 from mesh_motion_numerics.interpolation.factor_source import (
     DeferredFactorization,
     FactorSource,
     factorization_of,
-    prepared_for,
+    operators_of,
     two_scale_factorization_of,
 )
 from mesh_motion_numerics.interpolation.far_field import FarFieldFactorization
@@ -50,7 +50,7 @@ from mesh_motion_numerics.interpolation.kernels import basis_named
 from mesh_motion_numerics.interpolation.periodic_interpolant import periodic_factorization_of
 from mesh_motion_numerics.interpolation.support_radius import Reach, with_reach
 from mesh_motion_numerics.interpolation.two_scale.factorization import TwoScalePlan, plan_for, plans_for
-from mesh_motion_numerics.interpolation.two_scale.interpolant import AnyInterpolant
+from mesh_motion_numerics.interpolation.two_scale.interpolant import AnyInterpolant, TwoScaleInterpolant
 from mesh_motion_numerics.interpolation.two_scale.smoothing import Smoothing
 from mesh_motion_numerics.mesh.paths import RigidMotion, fit_rigid_motion, fit_screw, substeps
 from mesh_motion_numerics.mesh.periodic_nodes import PeriodicNodes
@@ -91,8 +91,8 @@ class Stage:
     interpolant: AnyInterpolant
     further: tuple[AnyInterpolant, ...] = ()
 
-    def positions(self, points: Floats, prepared: NearOperators | None = None) -> Floats:
-        """(n, d) new positions of points (n, d), with what :func:`.evaluation.prepare` gave for them."""
+    def positions(self, points: Floats, prepared: Sequence[NearOperator] | None = None) -> Floats:
+        """(n, d) new positions of points (n, d); ``prepared`` as in :func:`.evaluation.displacement`."""
         carried = points if self.rigid is None else self.rigid.apply(points)
         moved = evaluation.displacement(self.interpolant, points, prepared)
         for level in self.further:
@@ -119,7 +119,7 @@ class StandardTrial:
         Positions from which the interpolation started, mesh length unit.
     points : (n, d) array
         Trial positions.
-    stages : tuple of Stage
+    stages : sequence of Stage
         The motion from ``start``, anywhere.
     factorization : Factorization
         Factorization of all nodes with a role at ``start`` (with a boundary layer's outermost nodes instead of the wall
@@ -131,7 +131,7 @@ class StandardTrial:
 
     start: Floats
     points: Floats
-    stages: tuple[Stage, ...]
+    stages: Sequence[Stage]
     factorization: Factorization
     control_points: Integers
 
@@ -240,17 +240,16 @@ class StandardMotion:
             self.periodic.check_targets(self.roles.moving, targets)
         start = committed if self.method.displacement == "relative" else self.reference
         waypoints = self._waypoints(start, targets) if self.method.displacement == "reanchored" else [targets]
-        points, solved = start, []
-        for waypoint in waypoints:
+        points, first = self._interpolate(start, waypoints[0], factors, watch)
+        stages, last, factorization = [first.stage], first, first.factorization
+        for waypoint in waypoints[1:]:
             points, last = self._interpolate(points, waypoint, factors, watch)
-            solved.append(last)
-        factorization = solved[0].factorization
+            stages.append(last.stage)
         if self.periodic is not None and self.method.correction not in ("none", "smooth", "optimised"):
             # an enrichment must vanish on periodic sides too
             nodes = np.union1d(self._controls(self.roles.all), self.roles.periodic)
             factorization = factorization_of(start[nodes], self.method, factors)
-        stages = tuple(one.stage for one in solved)
-        return StandardTrial(start, points, stages, factorization, solved[-1].control_points)
+        return StandardTrial(start, points, stages, factorization, last.control_points)
 
     def _waypoints(self, start: Floats, targets: Floats) -> list[Floats]:
         """Positions of the moving nodes after each sub-step, the targets last."""
@@ -285,9 +284,10 @@ class StandardMotion:
             places, goal = prescribed[known], prescribed[controls]
         solved = self.solved(points, controls, goal, factors, watch)
         with watch.phase("displace"):
-            moved = solved.stage.positions(
-                points, prepared_for(solved.stage.interpolant, points, factors, skipped=known)
-            )
+            found, prepared = solved.stage.interpolant, None
+            if isinstance(found, TwoScaleInterpolant):
+                prepared = operators_of(found.levels, points, factors, skipped=known)
+            moved = solved.stage.positions(points, prepared)
             numbers = known[:, None] * moved.shape[1] + np.arange(moved.shape[1])
             moved.reshape(-1)[numbers.reshape(-1)] = places.reshape(-1)  # moved[known] = places, in a third of the time
             return self.tied(moved), solved

@@ -12,7 +12,7 @@ import numpy as np
 
 from mesh_motion_numerics.arrays import Floats
 
-__all__ = ["Iterated", "conjugate_gradients", "largest"]
+__all__ = ["Iterated", "conjugate_gradients"]
 
 
 class Iterated(NamedTuple):
@@ -55,11 +55,6 @@ def conjugate_gradients(
         rz, before = kernels.column_products(r, z), rz
         kernels.redirect_columns(p, z, _ratio(rz, before))
     return Iterated(x, r, most)
-
-
-def largest(vectors: Floats) -> float:
-    """Largest magnitude in (n, k) vectors, 0 if they are empty."""
-    return max(float(vectors.max(initial=0.0)), -float(vectors.min(initial=0.0)))
 
 
 def _ratio(a: Floats, b: Floats) -> Floats:

@@ -20,7 +20,6 @@ from mesh_motion_numerics.interpolation.assembly import SparseRows
 from mesh_motion_numerics.interpolation.factorizations.conjugate_gradients import Iterated
 from mesh_motion_numerics.interpolation.factorizations.thinning import nearest_preceding, nested_levels
 from mesh_motion_numerics.interpolation.kernels import Basis
-from mesh_motion_numerics.interpolation.sparse_products import nbytes, product
 
 __all__ = ["SparseInverse"]
 
@@ -52,17 +51,18 @@ class SparseInverse:
         ranks = np.where(source >= 0, near[rows, source], rows)
         short = rows.astype(np.int32), order[ranks].astype(np.int32)  # the product's index type
         factor = csr_array((entries[rows, places], short), shape=(n, n))
-        self._factor = factor
-        self._transposed = factor.T.tocsr()
+        self._factor, self._transposed = (
+            SparseRows(each.indptr, each.indices, each.data) for each in (factor, factor.T.tocsr())
+        )
 
     @property
     def nbytes(self) -> int:
         """Memory of G and Gᵀ."""
-        return nbytes(self._factor) + nbytes(self._transposed)
+        return self._factor.nbytes + self._transposed.nbytes
 
     def __call__(self, residual: Floats) -> Floats:
         """(n, k) preconditioned residual."""
-        return product(self._transposed, product(self._factor, residual))
+        return self._transposed.product(self._factor.product(residual))
 
     def conjugate_gradients(self, matrix: SparseRows, right: Floats, *, limit: float, most: int) -> Iterated:
         """Solve with the (n, n) matrix for right-hand sides (n, k), by the function of the same name.
@@ -75,6 +75,6 @@ class SparseInverse:
             Largest number of iterations.
         """
         residual, solution = np.array(right, order="C"), np.empty(right.shape)
-        each = (part for m in (matrix, self._factor, self._transposed) for part in (m.indptr, m.indices, m.data))
-        iterations: int = kernels.solve_sparse(*each, limit, most, residual, solution)
+        matrices = *matrix, *self._factor, *self._transposed
+        iterations: int = kernels.solve_sparse(*matrices, limit, most, residual, solution)
         return Iterated(solution, residual, iterations)

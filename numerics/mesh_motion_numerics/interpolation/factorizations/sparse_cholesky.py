@@ -1,52 +1,55 @@
-"""The Cholesky factor of a sparse matrix of points on surfaces, whose nested dissection has little fill."""
+"""The Cholesky factor of a sparse matrix of d × d blocks, whose order by nested dissection leaves little fill."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import mesh_motion_kernels as kernels
 import numpy as np
 from numpy.typing import NDArray
 
-from mesh_motion_numerics.arrays import Floats, Integers
-from mesh_motion_numerics.interpolation.assembly import SparseRows
+from mesh_motion_numerics.arrays import Floats, Integers, Shorts
 
-__all__ = ["SparseCholesky"]
+__all__ = ["Elimination", "SparseCholesky"]
 
 
-@dataclass(frozen=True, eq=False)
-class SparseCholesky:
-    """``A = L Lᵀ`` in an order of elimination."""
+class Elimination(NamedTuple):
+    """The order (n,) in which rows are eliminated, and the pattern of L below its diagonal: column by column."""
 
-    #: order, starts, rows: (n,) int32, (n + 1,) int64, (e,) int32. The order, and the pattern of L below its diagonal
-    #: by columns
-    order: NDArray[np.int32]
-    starts: Integers
-    rows: NDArray[np.int32]
-    #: diagonal, below: (n, 1, 1), (e, 1, 1). L
-    diagonal: Floats
-    below: Floats
+    order: Shorts
+    starts: Integers  # (n + 1,)
+    rows: Shorts  # (e,)
 
     @classmethod
-    def build(cls, matrix: SparseRows, points: Floats) -> SparseCholesky | None:
-        """Factorize a symmetric matrix of points (n, d); None if it is not positive definite."""
-        row_starts = matrix.indptr.astype(np.int64)
-        order, starts, rows = kernels.elimination(row_starts, matrix.indices, np.ascontiguousarray(points))
-        made = cls(order, starts, rows, np.empty((len(points), 1, 1)), np.empty((len(rows), 1, 1)))
-        entries = matrix.data.reshape(-1, 1, 1)
-        return made if kernels.block_cholesky(row_starts, matrix.indices, entries, *made._parts) else None
+    def of(cls, starts: Integers, columns: NDArray[np.int32], places: Floats) -> Elimination:
+        """Choose it for a symmetric pattern in compressed rows, for nodes at places (n, d)."""
+        return cls(*kernels.elimination(starts, columns, np.ascontiguousarray(places)))
+
+
+class SparseCholesky(NamedTuple):
+    """``A = L Lᵀ``."""
+
+    elimination: Elimination
+    diagonal: Floats  # (n, d, d)
+    below: Floats  # (e, d, d)
+
+    @classmethod
+    def build(
+        cls, starts: Integers, columns: NDArray[np.int32], blocks: Floats, elimination: Elimination
+    ) -> SparseCholesky | None:
+        """Factorize the matrix with these blocks (b, d, d); None if it is not positive definite."""
+        shape = blocks.shape[1:]
+        diagonal, below = np.empty((len(starts) - 1, *shape)), np.empty((len(elimination.rows), *shape))
+        definite = kernels.block_cholesky(starts, columns, blocks, *elimination, diagonal, below)
+        return cls(elimination, diagonal, below) if definite else None
 
     @property
     def nbytes(self) -> int:
         """Bytes of the factor."""
-        return sum(part.nbytes for part in self._parts)
+        return sum(part.nbytes for part in (*self.elimination, self.diagonal, self.below))
 
     def solve(self, right: Floats) -> Floats:
-        """(n, k) A⁻¹ times (n, k) right-hand sides."""
+        """Solve A x = right for x, both (n, d); with d = 1 for any number of columns."""
         found = np.empty(right.shape)
-        kernels.block_cholesky_solve(*self._parts, np.ascontiguousarray(right), found)
+        kernels.block_cholesky_solve(*self.elimination, self.diagonal, self.below, np.ascontiguousarray(right), found)
         return found
-
-    @property
-    def _parts(self) -> tuple[NDArray[np.int32], Integers, NDArray[np.int32], Floats, Floats]:
-        return self.order, self.starts, self.rows, self.diagonal, self.below

@@ -28,12 +28,10 @@ from mesh_motion_protocol.errors import QualityRefused
 from mesh_motion_numerics.arrays import Floats, Integers, Marks
 from mesh_motion_numerics.interpolation.assembly import SparseRows, sparse_rows
 from mesh_motion_numerics.interpolation.centres import CentreLayout
-from mesh_motion_numerics.interpolation.factorizations.conjugate_gradients import largest
 from mesh_motion_numerics.interpolation.factorizations.preconditioner import SparseInverse
-from mesh_motion_numerics.interpolation.factorizations.sparse_cholesky import SparseCholesky
+from mesh_motion_numerics.interpolation.factorizations.sparse_cholesky import Elimination, SparseCholesky
 from mesh_motion_numerics.interpolation.interpolant import Interpolant
 from mesh_motion_numerics.interpolation.kernels import basis_named
-from mesh_motion_numerics.interpolation.sparse_products import nbytes
 from mesh_motion_numerics.interpolation.two_scale.coarse_points import separated_points
 from mesh_motion_numerics.mesh.points import padded
 
@@ -44,6 +42,7 @@ __all__ = [
     "CompactLevel",
     "CompactSystem",
     "compact_levels",
+    "largest",
     "levels_below",
     "levels_of_all",
     "nested_members",
@@ -240,7 +239,7 @@ class CompactSystem:
     @property
     def nbytes(self) -> int:
         made: SparseCholesky | None = self.__dict__.get("_factor")
-        own = nbytes(self.matrix) + self.points.nbytes + self.layout.coordinates.nbytes
+        own = self.matrix.nbytes + self.points.nbytes + self.layout.coordinates.nbytes
         return own if made is None else own + made.nbytes
 
     def exactly(self, right: Floats) -> Floats:
@@ -260,7 +259,9 @@ class CompactSystem:
         """The factor of the matrix, if its rows are short; made for the first exact solution."""
         if not self.level.direct and len(self.matrix.data) > _FEW * len(self.points):
             return None
-        return SparseCholesky.build(self.matrix, self.points)
+        starts, columns, entries = self.matrix
+        pattern = starts.astype(np.int64), columns
+        return SparseCholesky.build(*pattern, entries.reshape(-1, 1, 1), Elimination.of(*pattern, self.points))
 
     def solve(self, residual: Floats, scale: float, *, last: bool = True) -> tuple[Interpolant, int]:
         """Return the interpolant at the members of a residual (n, k) of all control points, and the iterations.
@@ -317,3 +318,8 @@ class CompactSystem:
         """Yield the reference mesh's preconditioner, and if it fails one for the current boundary."""
         yield self.level.precondition
         yield SparseInverse(padded(self.points), BASIS, self.level.radius, _NEIGHBOURS)
+
+
+def largest(vectors: Floats) -> float:
+    """Largest magnitude in (n, k) vectors, 0 if they are empty."""
+    return max(float(vectors.max(initial=0.0)), -float(vectors.min(initial=0.0)))

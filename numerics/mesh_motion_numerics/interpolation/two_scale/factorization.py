@@ -30,7 +30,6 @@ from scipy.spatial import cKDTree
 
 from mesh_motion_numerics.arrays import Floats, Integers, Marks
 from mesh_motion_numerics.interpolation import evaluation
-from mesh_motion_numerics.interpolation.factorizations.conjugate_gradients import largest
 from mesh_motion_numerics.interpolation.interpolant import (
     AllCentreFactorization,
     Interpolant,
@@ -43,6 +42,7 @@ from mesh_motion_numerics.interpolation.two_scale.compact_levels import (
     CompactLevel,
     CompactSystem,
     compact_levels,
+    largest,
     levels_below,
     levels_of_all,
 )
@@ -305,7 +305,7 @@ class TwoScaleFactorization:
         scale = largest(values)
         if len(distinct) < len(points):
             points, values = points[distinct], values[distinct]
-        left = evaluation.displacement(TwoScaleInterpolant(coarse, (), self.basis, 0), points)
+        left = evaluation.displacement(coarse, points)
         np.subtract(values, left, out=left)
         levels, iterations = [], 0
         for system in self.systems:

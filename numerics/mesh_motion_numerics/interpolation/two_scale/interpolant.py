@@ -30,17 +30,6 @@ class TwoScaleInterpolant:
     basis: Basis
     iterations: int
 
-    @property
-    def components(self) -> int:
-        """k."""
-        coarse = self.coarse
-        return int((coarse.weights if isinstance(coarse, Interpolant) else coarse.coefficients).shape[1])
-
-    @property
-    def dimension(self) -> int:
-        """Space dimension d."""
-        return self.coarse.dimension
-
 
 AnyInterpolant = Interpolant | TwoScaleInterpolant
 """The interpolants that :mod:`..evaluation` accepts."""

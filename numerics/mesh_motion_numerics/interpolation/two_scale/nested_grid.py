@@ -52,13 +52,17 @@ class NestedSpline:
     coefficients: Floats
     dimension: int
 
-    def values(self, points: Floats, out: Floats) -> None:
-        """Fill ``out`` (n, k) at (n, d) points; a point outside all boxes takes the value of the nearest rim."""
+    def values(self, points: Floats) -> Floats:
+        """(n, k) values at (n, d) points; a point outside all boxes takes the value of the nearest rim."""
+        out = np.empty((len(points), self.coefficients.shape[1]))
         kernels.spline_values(np.ascontiguousarray(points), *self._boxes, self.coefficients, out)
+        return out
 
-    def gradients(self, points: Floats, out: Floats) -> None:
-        """Fill ``out`` (n, k, d) at (n, d) points."""
+    def gradients(self, points: Floats) -> Floats:
+        """(n, k, d) gradients at (n, d) points."""
+        out = np.empty((len(points), self.coefficients.shape[1], self.dimension))
         kernels.spline_gradients(np.ascontiguousarray(points), *self._boxes, self.coefficients, out)
+        return out
 
     def count(self, points: Floats, weights: Floats) -> None:
         """Add to the coefficients their derivatives for (n, k) weights of the values at (n, d) points."""
