@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
-from mesh_motion_numerics.interpolation.assembly import SparseRows, sparse_rows
+from mesh_motion_numerics.interpolation.assembly import sparse_rows
 from mesh_motion_numerics.interpolation.centres import CentreLayout
 from mesh_motion_numerics.interpolation.evaluation import NearOperator
 from mesh_motion_numerics.interpolation.factorizations.preconditioner import SparseInverse
 from mesh_motion_numerics.interpolation.kernels import basis_named
+from mesh_motion_numerics.interpolation.sparse_rows import SparseRows
 from scipy.sparse import csr_array, random_array
 
 C2 = basis_named("wendland-c2")

@@ -19,7 +19,7 @@ from mesh_motion_numerics.correction.distortion import CornerSimplices, corner_s
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.quality.metrics import AtRest, CellsAtRest
 
-__all__ = ["CellAdjacency", "FreeRegion", "NodeAdjacency", "free_region", "grow", "nodes_of_cells"]
+__all__ = ["CellAdjacency", "FreeRegion", "NodeAdjacency", "free_region", "gathered", "grow", "nodes_of_cells"]
 
 _DIAGONALS = np.array([[0, 6], [1, 7], [2, 4], [3, 5]])  # of a hexahedron
 _LEAST_AGGREGATE = 64  # nodes
@@ -62,10 +62,6 @@ class NodeAdjacency:
         kernels.block_conjugate_gradients(*pattern, hessian, self.aggregates, right, accuracy, most, x)
         return x
 
-    def gather(self, corner_values: Floats) -> Floats:
-        """Sum the corners' shares (c, d + 1, d) at the free nodes: (f, d)."""
-        return _gathered(self.starts, self.entries, corner_values)
-
     def assemble(self, blocks: NDArray[np.float32], d: int) -> Floats:
         """Hessian blocks (b, d, d) from the corners' blocks (c, d², d²), see :mod:`.distortion`."""
         hessian = np.empty((len(self.columns), d, d))
@@ -93,10 +89,6 @@ class CellAdjacency:
     starts: Integers
     entries: NDArray[np.int32]
     slots: NDArray[np.int32]
-
-    def gather(self, cell_values: Floats) -> Floats:
-        """Sum the cells' shares (m, k, d) at the free nodes: (f, d)."""
-        return _gathered(self.starts, self.entries, cell_values)
 
     def add(self, blocks: NDArray[np.float32], hessian: Floats) -> None:
         """Add the cells' blocks (m, k², d²) to the Hessian (b, d, d)."""
@@ -196,9 +188,9 @@ def free_region(
     free = free & marked
     nodes = np.concatenate([np.flatnonzero(free), np.flatnonzero(marked & ~free)])
     n_free = int(np.count_nonzero(free))
-    local = np.empty(len(free), dtype=np.int64)
+    local = np.empty(len(free), dtype=np.int32)
     local[nodes] = np.arange(len(nodes))
-    table = CellTable.from_arrays({block.type.name: local[block.nodes[chosen[span]]] for block, span in cells.numbered})
+    table = cells.chosen(chosen, local)
     sizes = reference_sizes[chosen]
     sizes = sizes.of_nodes(nodes) if isinstance(sizes, CellsAtRest) else sizes
     simplices = corner_simplices(reference[nodes], table, sizes, at_rest=at_rest, angles=at_rest)
@@ -212,8 +204,8 @@ def _diagonals(cells: CellTable) -> Integers:
     return np.concatenate([*pairs, np.empty((0, 2), dtype=np.int64)])
 
 
-def _gathered(starts: Integers, entries: NDArray[np.int32], shares: Floats) -> Floats:
-    """Sums (f, d) of shares (m, k, d)."""
-    sums = np.empty((len(starts) - 1, shares.shape[2]))
-    kernels.gather_shares(starts, entries, shares, sums)
+def gathered(at: NodeAdjacency | CellAdjacency, shares: Floats) -> Floats:
+    """Sums (f, d) at the free nodes of the shares (c, d + 1, d) of corners, or (m, k, d) of cells."""
+    sums = np.empty((len(at.starts) - 1, shares.shape[2]))
+    kernels.gather_shares(at.starts, at.entries, shares, sums)
     return sums

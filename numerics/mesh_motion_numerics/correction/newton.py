@@ -21,7 +21,7 @@ from mesh_motion_numerics.correction.distortion import FLOOR, PNorm
 from mesh_motion_numerics.correction.free_region import FreeRegion, NodeAdjacency
 from mesh_motion_numerics.correction.linked_unknowns import StepSolver
 from mesh_motion_numerics.correction.region_measure import RegionMeasure, region_measure
-from mesh_motion_numerics.interpolation.factorizations.sparse_cholesky import Elimination, SparseCholesky
+from mesh_motion_numerics.interpolation.sparse_rows import Elimination, SparseCholesky
 from mesh_motion_numerics.stopwatch import check_time
 
 __all__ = ["Accuracy", "Descent", "newton"]

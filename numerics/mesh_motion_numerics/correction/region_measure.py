@@ -16,7 +16,7 @@ import numpy as np
 from mesh_motion_numerics.arrays import Floats
 from mesh_motion_numerics.correction.cell_distortion import cell_blocks, cell_gradient, mean_cell_distortion
 from mesh_motion_numerics.correction.distortion import PNorm, corner_blocks, distortion_gradient, mean_distortion
-from mesh_motion_numerics.correction.free_region import FreeRegion
+from mesh_motion_numerics.correction.free_region import FreeRegion, gathered
 
 __all__ = ["MEASURES", "RegionMeasure", "region_measure"]
 
@@ -59,7 +59,7 @@ class _Corners:
 
     def gradient(self, points: Floats, weights: Floats) -> Floats:
         shares = distortion_gradient(points, self._region.simplices, weights, self._norm)
-        return self._region.adjacency.gather(shares)
+        return gathered(self._region.adjacency, shares)
 
     def hessian(self, points: Floats, weights: Floats, *, refresh: float, floor: float) -> Floats:
         least = refresh / len(weights) if self._filled else 0.0
@@ -91,8 +91,8 @@ class _Cells:
 
     def gradient(self, points: Floats, weights: Floats) -> Floats:
         shares = cell_gradient(points, self._region.groups, weights, self._norm)
-        gathered = [a.gather(share) for a, share in zip(self._region.cell_adjacency, shares, strict=True)]
-        return sum(gathered[1:], start=gathered[0])
+        sums = [gathered(a, share) for a, share in zip(self._region.cell_adjacency, shares, strict=True)]
+        return sum(sums[1:], start=sums[0])
 
     def hessian(self, points: Floats, weights: Floats, *, refresh: float, floor: float) -> Floats:
         least = refresh / len(weights) if self._filled else 0.0

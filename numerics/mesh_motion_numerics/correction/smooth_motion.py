@@ -39,7 +39,6 @@ from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
-from itertools import chain
 
 import mesh_motion_kernels as kernels
 import numpy as np
@@ -54,7 +53,7 @@ from mesh_motion_numerics.correction.distortion import (
     corner_simplices,
     distortion_gradient,
 )
-from mesh_motion_numerics.correction.free_region import free_region
+from mesh_motion_numerics.correction.free_region import free_region, gathered
 from mesh_motion_numerics.correction.part_of_mesh import Elsewhere
 from mesh_motion_numerics.correction.smooth_region import ROUGH, SmoothRegion
 from mesh_motion_numerics.mesh.cells import CellTable
@@ -111,11 +110,16 @@ class Law:
         """The law for a mesh with this number of nodes."""
         return cls(onset=-math.log(onset_of(n_nodes)))
 
+    @cached_property
+    def limit(self) -> float:
+        """The quality of a cell's worst corner above which the cell does not resist."""
+        return math.exp(-self.onset) * (1.0 + 1e-9)  # far above the rounding
+
     def resistance(self, distortion: Floats) -> tuple[Floats, Floats, Floats]:
         """ψ, ψ′ and ψ″ for distortions (c,); ψ is inf where the distortion is inf."""
         k, n = self.stiffness, self.power
         x = k * np.clip(distortion - self.onset, 0.0, FAR)
-        grown, bent, bulged = (np.expm1((n + i) * np.log1p(x / n)) for i in range(3))
+        grown, bent, bulged = np.expm1(np.multiply.outer(n + np.arange(3.0), np.log1p(x / n)))
         bend, small = (n - 1) / n, x < 1e-3  # below, the differences would lose all digits
         value = (
             np.where(
@@ -195,11 +199,6 @@ class SmoothMotion:
     def _sizes(self) -> Floats:
         return reference_sizes(self.reference, self.cells)
 
-    @property
-    def limit(self) -> float:
-        """The quality of a cell's worst corner above which the cell does not resist."""
-        return math.exp(-self.law.onset) * (1.0 + 1e-9)  # far above the rounding
-
     def correct(
         self,
         plain: Floats,
@@ -218,7 +217,7 @@ class SmoothMotion:
             Make meshes (n, d) near the result, with the held nodes of ``plain``, if some cell resists: the iterations
             begin at the first one that is not tangled.
         distorted : (k,) int64 array, optional
-            All cells whose worst corner is below :attr:`limit` in y_plain, if they are known; it may contain others.
+            All cells whose worst corner is below :attr:`Law.limit` in y_plain, if known; it may contain others.
         rough : bool
             Whether a mesh near the minimum, or after a few iterations, is enough: another correction begins there.
 
@@ -232,14 +231,18 @@ class SmoothMotion:
         RegionTooSmall
             If the mesh is a region of another one, and nodes with cells elsewhere would be free.
         """
+        if distorted is not None and not len(distorted):
+            return Smoothed(plain)
         region = self.region(plain, distorted)
         if region is None:
             return Smoothed(plain)
         nodes, n = region.free.nodes, region.free.n_free
         rest = plain[nodes]
-        near = (region.admitted(np.concatenate([start()[nodes[:n]], rest[n:]])) for start in starts)
-        begin = next((at for at in chain(near, [rest]) if np.isfinite(self._distortions(at, region).max())), None)
-        if begin is None:
+        for start in (*starts, None):
+            begin = rest if start is None else region.admitted(np.concatenate([start()[nodes[:n]], rest[n:]]))
+            if np.isfinite(corner_distortions(begin, region.free.simplices, self.law.norm).max()):
+                break
+        else:
             return Smoothed(plain, n, 0, False, math.inf)
         found = self._descend(begin, rest, region, rough=rough)
         points = plain.copy()
@@ -290,7 +293,7 @@ class SmoothMotion:
         Nothing is stored for the other cells: in a large mesh the maps of all corners would take most of the memory.
         """
         if distorted is None:
-            distorted = np.flatnonzero(corner_quality(plain, self.cells, self.reference) < self.limit)
+            distorted = np.flatnonzero(corner_quality(plain, self.cells, self.reference) < self.law.limit)
         if not len(distorted):
             return None
         marked = np.zeros(len(self.cells), dtype=bool)
@@ -392,13 +395,9 @@ class SmoothMotion:
                     return step, slope, part
             part = part + 1 if region.is_factorized else _ALL
 
-    def _distortions(self, points: Floats, region: SmoothRegion) -> Floats:
-        """f (c,) of the region's corners with local positions (l, d)."""
-        return corner_distortions(points, region.free.simplices, self.law.norm)
-
     def _energy(self, points: Floats, rest: Floats, region: SmoothRegion) -> tuple[float, Floats]:
         """The function to minimise at the local positions (l, d), and the corners' distortions."""
-        distortion, n = self._distortions(points, region), region.free.n_free
+        distortion, n = corner_distortions(points, region.free.simplices, self.law.norm), region.free.n_free
         if not np.isfinite(distortion).all():
             return math.inf, distortion
         active = np.flatnonzero(distortion > self.law.onset)
@@ -416,7 +415,7 @@ class SmoothMotion:
         simplices = region.free.simplices.of(active)
         shares = np.zeros((len(distortion), d + 1, d))
         shares[active] = distortion_gradient(points, simplices, weights * slope, self.law.norm)
-        gradient = adjacency.gather(shares) + region.pull(points[:n] - rest[:n])[1]
+        gradient = gathered(adjacency, shares) + region.pull(points[:n] - rest[:n])[1]
         blocks = self.corner_hessians(points, simplices, weights * slope, weights * bend, exact=exact)
         rows = np.full(len(distortion), -1, dtype=np.int32)
         rows[active] = np.arange(len(active))

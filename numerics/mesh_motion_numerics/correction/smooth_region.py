@@ -15,7 +15,7 @@ import numpy as np
 from mesh_motion_numerics.arrays import Floats
 from mesh_motion_numerics.correction.boundary_constraint import RegionConstraint
 from mesh_motion_numerics.correction.free_region import FreeRegion, NodeAdjacency
-from mesh_motion_numerics.interpolation.factorizations.sparse_cholesky import Elimination, SparseCholesky
+from mesh_motion_numerics.interpolation.sparse_rows import Elimination, SparseCholesky
 
 __all__ = ["SmoothRegion"]
 
@@ -52,12 +52,12 @@ class SmoothRegion:
     weights: Floats
     gradient: Floats
     mass: Floats
-    penalty: Floats = field(default_factory=lambda: np.empty(0))
+    penalty: Floats = field(default_factory=partial(np.empty, 0))
 
     @classmethod
     def build(cls, free: FreeRegion, constraint: RegionConstraint | None, reference: Floats) -> SmoothRegion:
         """Build it for a region of the mesh, with the nodes at ``reference`` (n, d) at rest."""
-        weights, adjacency, d = _corner_weights(free), free.adjacency, free.simplices.dimension
+        weights, adjacency, d = free.cells.corner_shares, free.adjacency, free.simplices.dimension
         gradient, mass = np.zeros(len(adjacency.columns)), np.zeros(free.n_free)
         pattern = adjacency.starts, adjacency.entries, adjacency.slots
         kernels.add_penalty(*pattern, free.simplices.ideal, weights, gradient, mass)
@@ -119,9 +119,3 @@ class SmoothRegion:
         product = np.empty_like(offset)
         pattern = self.free.adjacency.row_starts, self.free.adjacency.columns
         return 0.5 * kernels.block_product(*pattern, self.blocks, np.ascontiguousarray(offset), product), product
-
-
-def _corner_weights(free: FreeRegion) -> Floats:
-    """w_c of the corners of a region's cells."""
-    counts = free.cells.corner_counts
-    return np.repeat(1.0 / counts, counts)

@@ -22,6 +22,7 @@ from mesh_motion_protocol.errors import QualityRefused
 
 from mesh_motion_numerics.arrays import Floats, Integers, Shorts
 from mesh_motion_numerics.correction.distortion import corner_distortions, distortion_gradient
+from mesh_motion_numerics.correction.free_region import gathered
 from mesh_motion_numerics.correction.smooth_motion import FAR, RAMP, RINGS, SmoothMotion
 from mesh_motion_numerics.correction.smooth_region import PENALTY, SmoothRegion
 
@@ -181,7 +182,7 @@ class SmoothSlope:
         shares = np.zeros((len(self._distortions), d + 1, d))
         weights = region.weights[active] * law.resistance(self._distortions[active])[2]
         shares[active] = distortion_gradient(self._local, region.free.simplices.of(active), weights, law.norm)
-        return -np.asarray(region.free.adjacency.gather(shares))
+        return -np.asarray(gathered(region.free.adjacency, shares))
 
     # --- the activation ----------------------------------------------------------------------------------------------
 

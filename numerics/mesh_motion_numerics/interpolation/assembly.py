@@ -9,8 +9,9 @@ from scipy.sparse import csr_array
 from mesh_motion_numerics.arrays import Floats, Integers, Shorts
 from mesh_motion_numerics.interpolation.centres import CentreLayout
 from mesh_motion_numerics.interpolation.kernels import Basis
+from mesh_motion_numerics.interpolation.sparse_rows import SparseRows
 
-__all__ = ["SparseRows", "dense_block", "mean_row_entries", "rows_near", "sparse_matrix", "sparse_rows"]
+__all__ = ["dense_block", "mean_row_entries", "rows_near", "sparse_matrix", "sparse_rows"]
 
 #: Largest width, in radii, of a grid's cells or of all centres; beyond it, a grid that stores few of its cells is used.
 _WIDER = 1.5
@@ -76,35 +77,6 @@ def mean_row_entries(layout: CentreLayout, support_radius: float) -> float:
     """Mean number of centres closer than R to a centre: nonzero entries a row of the matrix of a compact basis."""
     points, search = np.ascontiguousarray(layout.coordinates.T), _search(layout, support_radius)
     return float(np.mean(kernels.count_near(points, search.coordinates, support_radius, *search.grid)))
-
-
-class SparseRows(NamedTuple):
-    """A sparse matrix in compressed rows with SciPy's names but no checks, because every state of a mesh makes one.
-
-    Attributes
-    ----------
-    indptr : (m + 1,) int32 array
-    indices, data : (e,) int32 and float64 arrays
-    """
-
-    indptr: Shorts
-    indices: Shorts
-    data: Floats
-
-    @property
-    def nbytes(self) -> int:
-        """Bytes of the matrix."""
-        return self.indptr.nbytes + self.indices.nbytes + self.data.nbytes
-
-    def product(self, vectors: Floats) -> Floats:
-        """(m, k) product with (n, k) vectors; each row is one thread's sum, in stored order."""
-        out = np.zeros((len(self.indptr) - 1, vectors.shape[1]))
-        kernels.add_product(np.arange(len(out)), *self, np.ascontiguousarray(vectors), out)
-        return out
-
-    def matrix(self, columns: int) -> csr_array:
-        """Return the matrix (m, columns) for SciPy."""
-        return csr_array((self.data, self.indices, self.indptr), shape=(len(self.indptr) - 1, columns))
 
 
 def sparse_matrix(layout: CentreLayout, basis: Basis, support_radius: float) -> csr_array:

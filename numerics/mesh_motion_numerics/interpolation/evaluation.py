@@ -16,9 +16,10 @@ import numpy as np
 from mesh_motion_protocol.errors import InvalidInput
 
 from mesh_motion_numerics.arrays import Floats, Integers
-from mesh_motion_numerics.interpolation.assembly import SparseRows, rows_near, sparse_rows
+from mesh_motion_numerics.interpolation.assembly import rows_near, sparse_rows
 from mesh_motion_numerics.interpolation.interpolant import Interpolant
 from mesh_motion_numerics.interpolation.kernels import require_gradient
+from mesh_motion_numerics.interpolation.sparse_rows import SparseRows
 from mesh_motion_numerics.interpolation.two_scale.interpolant import AnyInterpolant, TwoScaleInterpolant
 from mesh_motion_numerics.interpolation.two_scale.nested_grid import NestedSpline
 from mesh_motion_numerics.mesh.points import padded

@@ -15,12 +15,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import accumulate
 
 import numpy as np
 from mesh_motion_protocol.errors import InvalidInput
 from numpy.typing import NDArray
 
-from mesh_motion_numerics.arrays import Floats, Integers, Shorts
+from mesh_motion_numerics.arrays import Floats, Integers, Marks, Shorts
 
 __all__ = ["CELL_TYPES", "CellBlock", "CellTable", "CellType"]
 
@@ -210,7 +211,7 @@ class CellTable:
     @cached_property
     def offsets(self) -> tuple[int, ...]:
         """Number of the first cell of each block, and the number of cells at the end."""
-        return tuple(int(n) for n in np.cumsum([0, *(len(block) for block in self.blocks)]))
+        return tuple(accumulate(map(len, self.blocks), initial=0))
 
     @cached_property
     def nodes(self) -> tuple[Shorts, ...]:
@@ -223,18 +224,24 @@ class CellTable:
         corners = [block.corner_nodes for block in self]
         return corners[0] if len(corners) == 1 else np.concatenate(corners)
 
-    def chosen(self, marked: NDArray[np.bool_]) -> CellTable:
-        """The marked (m,) cells, at least one."""
-        return CellTable.from_arrays({block.type.name: block.nodes[marked[span]] for block, span in self.numbered})
+    def chosen(self, marked: Marks, renumbered: Shorts | None = None) -> CellTable:
+        """The marked (m,) cells, at least one; if given, with the ``renumbered`` (n,) number of each node."""
+        blocks = []
+        for block, span in self.numbered:
+            nodes = block.nodes[marked[span]]
+            if len(nodes):
+                blocks.append(CellBlock(block.type, nodes if renumbered is None else renumbered[nodes]))
+        return CellTable(tuple(blocks))
 
-    def within(self, nodes: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    def within(self, nodes: Marks) -> Marks:
         """(m,) whether all nodes of each cell are among the marked (n,) ``nodes``."""
         return np.concatenate([nodes[block.nodes].all(axis=1) for block in self])
 
     @property
-    def corner_counts(self) -> Integers:
-        """(m,) number of each cell's corner simplices."""
-        return np.concatenate([np.full(len(block), len(block.type.corners)) for block in self])
+    def corner_shares(self) -> Floats:
+        """(c,) for each corner simplex, one over the number of its cell's corner simplices."""
+        counts = np.repeat([len(block.type.corners) for block in self.blocks], np.diff(self.offsets))
+        return np.repeat(1.0 / counts, counts)
 
     @cached_property
     def numbered(self) -> tuple[tuple[CellBlock, slice], ...]:

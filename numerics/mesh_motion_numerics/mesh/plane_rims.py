@@ -45,10 +45,10 @@ class PlaneRims:
         patches: Mapping[str, Patch],
         surfaces: Mapping[str, Integers],
         moving: Integers,
-    ) -> PlaneRims:
+    ) -> PlaneRims | None:
         """Find the rims in a mesh with reference ``points`` (n, d) and the ``facets`` (f, k) of its whole boundary.
 
-        ``surfaces``: the nodes of the :func:`.whole_walls`.
+        ``surfaces``: the nodes of the :func:`.whole_walls`. None if no wall is plane.
         """
         rims, planes = [], []
         for name, nodes in surfaces.items():
@@ -60,6 +60,8 @@ class PlaneRims:
                 rows = np.flatnonzero(np.isin(moving, piece.nodes))
                 if len(rows):
                     rims.append((name, role, rows, piece.normal))
+        if not planes:
+            return None
         return cls(moving, points[moving], _ON_PLANE * float(np.ptp(points, axis=0).max()), tuple(rims), tuple(planes))
 
     def check(self, targets: Floats) -> list[str]:

@@ -68,7 +68,7 @@ class BoundaryMotion:
         Motion of the nodes of the boundary, and of those that span the box of the mesh.
     bodies : dict of str to Body
         The moving patches.
-    rims : PlaneRims
+    rims : PlaneRims or None
         Moving nodes on plane slip and symmetry walls.
     constraint : BoundaryConstraint or None
         Constraint of the nodes on walls that the smooth correction may move.
@@ -76,7 +76,7 @@ class BoundaryMotion:
 
     motion: StandardMotion
     bodies: Mapping[str, Body]
-    rims: PlaneRims
+    rims: PlaneRims | None
     constraint: BoundaryConstraint | None
     warnings: tuple[str, ...] = ()
 
@@ -186,7 +186,7 @@ class BoundaryMotion:
         """Move the nodes (n, d) so that the moving ones are at ``targets`` (k, d); the quality is unknown."""
         del boundary_displacement
         check_time()
-        warnings = self.rims.check(targets)
+        warnings = [] if self.rims is None else self.rims.check(targets)
         self._refuse_winding(committed, targets)
         watch, recorded = Stopwatch(), Recorded(MakeEachTime() if factors is None else factors)
         trial = self.motion.trial(committed, targets, recorded, watch)

@@ -123,7 +123,7 @@ class MotionModel(DifferentiableMesh):
         boundary_displacement : BoundaryDisplacement, optional
             The two terms of the targets; by default the committed positions of the moving nodes and the difference.
         """
-        leaving = self.rims.check(targets)
+        leaving = [] if self.rims is None else self.rims.check(targets)
         step = _Step(committed, targets, MakeEachTime() if factors is None else factors)  # an empty cache is falsy
         try:
             motion = self._accept_or_lead(step)
@@ -141,7 +141,7 @@ class MotionModel(DifferentiableMesh):
             except Timeout:
                 fraction = None
             raise QualityRefused(
-                refusal.message + self.rims.passed(targets),
+                refusal.message + ("" if self.rims is None else self.rims.passed(targets)),
                 best=refusal.best,
                 cells=refusal.cells,
                 fraction=fraction,
@@ -298,7 +298,7 @@ class MotionModel(DifferentiableMesh):
         with watch.phase("predict"):
             if self.smooth is None or not isinstance(self.reference_sizes, CellsAtRest):
                 return _Predicted(motion, trial, self.summary(trial.points), None, factors)
-            return _Predicted(motion, trial, *self.judged(trial.points, self.smooth.limit), factors)
+            return _Predicted(motion, trial, *self.judged(trial.points, self.smooth.law.limit), factors)
 
     def _plain(
         self, motion: StandardMotion, step: _Step, turns: Turns | None, fraction: float, watch: Stopwatch | None = None

@@ -62,8 +62,8 @@ class PreparedMesh:
         Whether a judgement contains the distributions, or the worst cells alone.
     coincident : (c, 2) int64 array
         Boundary nodes at the same place: the first one, and another one.
-    rims : PlaneRims
-        Moving nodes on plane slip and symmetry walls.
+    rims : PlaneRims or None
+        Moving nodes on plane slip and symmetry walls; None without such walls.
     """
 
     points: Floats
@@ -75,7 +75,7 @@ class PreparedMesh:
     standard_motion: StandardMotion
     constraint: BoundaryConstraint | None
     coincident: Integers
-    rims: PlaneRims
+    rims: PlaneRims | None
     warnings: tuple[str, ...]
     smooth: SmoothMotion | None = None
     layered: LayeredWalls | None = None

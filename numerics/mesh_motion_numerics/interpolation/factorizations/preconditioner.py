@@ -16,10 +16,10 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from mesh_motion_numerics.arrays import Floats
-from mesh_motion_numerics.interpolation.assembly import SparseRows
 from mesh_motion_numerics.interpolation.factorizations.conjugate_gradients import Iterated
 from mesh_motion_numerics.interpolation.factorizations.thinning import nearest_preceding, nested_levels
 from mesh_motion_numerics.interpolation.kernels import Basis
+from mesh_motion_numerics.interpolation.sparse_rows import SparseRows
 
 __all__ = ["SparseInverse"]
 

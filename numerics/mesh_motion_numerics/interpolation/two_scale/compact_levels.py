@@ -26,12 +26,12 @@ import numpy as np
 from mesh_motion_protocol.errors import QualityRefused
 
 from mesh_motion_numerics.arrays import Floats, Integers, Marks
-from mesh_motion_numerics.interpolation.assembly import SparseRows, sparse_rows
+from mesh_motion_numerics.interpolation.assembly import sparse_rows
 from mesh_motion_numerics.interpolation.centres import CentreLayout
 from mesh_motion_numerics.interpolation.factorizations.preconditioner import SparseInverse
-from mesh_motion_numerics.interpolation.factorizations.sparse_cholesky import Elimination, SparseCholesky
 from mesh_motion_numerics.interpolation.interpolant import Interpolant
 from mesh_motion_numerics.interpolation.kernels import basis_named
+from mesh_motion_numerics.interpolation.sparse_rows import Elimination, SparseCholesky, SparseRows
 from mesh_motion_numerics.interpolation.two_scale.coarse_points import separated_points
 from mesh_motion_numerics.mesh.points import padded
 

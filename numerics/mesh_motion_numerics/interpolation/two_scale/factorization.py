@@ -315,7 +315,7 @@ class TwoScaleFactorization:
             iterations += taken
             if not last:
                 left -= evaluation.displacement(level, points)
-        return TwoScaleInterpolant(coarse, tuple(levels), self.basis, iterations)
+        return TwoScaleInterpolant(coarse, tuple(levels), field.basis, iterations)
 
     @cached_property
     def weightless(self) -> TwoScaleInterpolant:

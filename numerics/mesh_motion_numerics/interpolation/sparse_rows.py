@@ -1,4 +1,4 @@
-"""The Cholesky factor of a sparse matrix of d × d blocks, whose order by nested dissection leaves little fill."""
+"""Sparse matrices in compressed rows, and Cholesky factors of symmetric ones of d × d blocks."""
 
 from __future__ import annotations
 
@@ -7,14 +7,44 @@ from typing import NamedTuple
 import mesh_motion_kernels as kernels
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
 
 from mesh_motion_numerics.arrays import Floats, Integers, Shorts
 
-__all__ = ["Elimination", "SparseCholesky"]
+__all__ = ["Elimination", "SparseCholesky", "SparseRows"]
+
+
+class SparseRows(NamedTuple):
+    """A sparse matrix in compressed rows with SciPy's names but no checks, because every state of a mesh makes one.
+
+    Attributes
+    ----------
+    indptr : (m + 1,) int32 array
+    indices, data : (e,) int32 and float64 arrays
+    """
+
+    indptr: Shorts
+    indices: Shorts
+    data: Floats
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of the matrix."""
+        return self.indptr.nbytes + self.indices.nbytes + self.data.nbytes
+
+    def product(self, vectors: Floats) -> Floats:
+        """(m, k) product with (n, k) vectors; each row is one thread's sum, in stored order."""
+        out = np.zeros((len(self.indptr) - 1, vectors.shape[1]))
+        kernels.add_product(np.arange(len(out)), *self, np.ascontiguousarray(vectors), out)
+        return out
+
+    def matrix(self, columns: int) -> csr_array:
+        """Return the matrix (m, columns) for SciPy."""
+        return csr_array((self.data, self.indices, self.indptr), shape=(len(self.indptr) - 1, columns))
 
 
 class Elimination(NamedTuple):
-    """The order (n,) in which rows are eliminated, and the pattern of L below its diagonal: column by column."""
+    """The order (n,) in which rows are eliminated, by nested dissection, and the pattern of L below its diagonal."""
 
     order: Shorts
     starts: Integers  # (n + 1,)
