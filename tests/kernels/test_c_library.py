@@ -137,7 +137,7 @@ def test_two_scales_have_the_bits_of_the_server(library: ctypes.CDLL, d: int, k:
     levels = (*(interpolant("wendland-c2", d, k, radius, n=300) for radius in (0.3, 0.05)), narrow)
     assert narrow.layout.inverse_side * narrow.support_radius < 0.5
     wide = nested_spline(d, k) if coarse == "spline" else interpolant("tps", d, k, 1.0, polynomial=True, n=40)
-    field = TwoScaleInterpolant(wide, levels, BASES["wendland-c2"], 0)
+    field = TwoScaleInterpolant(wide, levels)
     points = np.vstack([places(d), levels[0].control_points, narrow.control_points + 2e-6])
     handles = [spline_handle(library, wide) if isinstance(wide, NestedSpline) else interpolant_handle(library, wide)]
     handles += [interpolant_handle(library, level) for level in levels]

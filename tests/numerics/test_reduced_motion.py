@@ -96,11 +96,8 @@ def test_the_boundarys_factorization_is_made_only_for_a_correction_that_asks() -
     assert np.array_equal(first.points, again.points)
     trial = model.standard_motion.trial(model.points, turned(model), cache, Stopwatch())
     assert isinstance(trial.factorization, DeferredFactorization)
-    assert trial.factorization.support_radius == 2.5
-    assert trial.factorization.basis.name == "wendland-c2"
     assert len(cache) == 1
     assert trial.factorization.solve(np.zeros((len(model.roles.all), 2))).support_radius == 2.5
-    assert trial.factorization.solver == "dense"
     assert len(cache) == 2
     assert trial.factorization.nbytes > 0
 

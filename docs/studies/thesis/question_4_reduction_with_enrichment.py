@@ -16,7 +16,6 @@ import numpy as np
 from mesh_motion_numerics.correction.correction import CorrectionProblem, correct
 from mesh_motion_numerics.interpolation import evaluation
 from mesh_motion_numerics.interpolation.interpolant import Factorization, Interpolant, factorize
-from mesh_motion_numerics.interpolation.kernels import Basis, basis_named
 from mesh_motion_numerics.interpolation.two_scale.interpolant import TwoScaleInterpolant
 from mesh_motion_numerics.method import Method
 from mesh_motion_numerics.quality.metrics import reference_sizes
@@ -49,12 +48,7 @@ class Boundary:
     control_points: Floats
     parts: tuple[tuple[Indices, Factorization], ...]
     support_radius: float
-    solver: str = "dense"
     nbytes: int = 0
-
-    @property
-    def basis(self) -> Basis:
-        return basis_named("wendland-c2")
 
     def solve(self, values: Floats) -> TwoScaleInterpolant:
         """A sum that interpolates the (nb, k) values at the parts' nodes; zero without parts."""
@@ -65,7 +59,7 @@ class Boundary:
         if not levels:
             one = factorize(self.control_points[:1], support_radius=self.support_radius)
             levels.append(one.solve(np.zeros_like(values[:1])))
-        return TwoScaleInterpolant(levels[0], tuple(levels[1:]), self.basis, 0)
+        return TwoScaleInterpolant(levels[0], tuple(levels[1:]))
 
 
 class ReducedMotion:

@@ -44,6 +44,7 @@ from mesh_motion_numerics.correction.equal_stretch import equal_stretch
 from mesh_motion_numerics.correction.free_region import cells_of_nodes
 from mesh_motion_numerics.correction.part_of_mesh import Elsewhere
 from mesh_motion_numerics.correction.trial_nodes import Polished, Stage, TrialMesh, polish, reach, signed
+from mesh_motion_numerics.interpolation.kernels import basis_named, checked_radius
 from mesh_motion_numerics.method import Method
 from mesh_motion_numerics.quality.metrics import CellQuality
 
@@ -257,8 +258,8 @@ def _imposed_slope(problem: CorrectionProblem, method: Method, quality: Floats) 
     p = problem
     boundary = np.flatnonzero(p.held)
     points = gap_middle(p.start, p.cells, quality, p.held)
-    support, basis = p.factorization.support_radius, p.factorization.basis.name
-    radii = ImposedGradient(support, _radius(method), basis=basis)
+    support = checked_radius(method.support_radius, basis_named(method.basis))
+    radii = ImposedGradient(support, _radius(method), basis=method.basis)
     displacement = p.standard[boundary] - p.start[boundary]
     moved = p.start + enriched_displacement(p.start, p.start[boundary], displacement, points, radii)
     moved[boundary] = p.standard[boundary]

@@ -16,7 +16,7 @@ from mesh_motion_numerics.arrays import Floats, Integers
 from mesh_motion_numerics.interpolation import evaluation
 from mesh_motion_numerics.interpolation.centres import CentreLayout
 from mesh_motion_numerics.interpolation.interpolant import Interpolant
-from mesh_motion_numerics.interpolation.kernels import DEFAULT_BASIS, basis_named
+from mesh_motion_numerics.interpolation.kernels import basis_named
 from mesh_motion_numerics.interpolation.polynomial import LinearBasis, Polynomial
 from mesh_motion_numerics.interpolation.two_scale.interpolant import AnyInterpolant, TwoScaleInterpolant
 from mesh_motion_numerics.interpolation.two_scale.nested_grid import NestedSpline
@@ -67,8 +67,8 @@ class Field:
         sums = [_sum(described, centres, rows, at) for described, at in zip(self.sums, layouts, strict=True)]
         if len(self.boxes):
             spline = _spline(self.boxes, rows.rest(), self.centres.shape[1])
-            return TwoScaleInterpolant(spline, tuple(sums), basis_named(DEFAULT_BASIS), 0)
-        return sums[0] if len(sums) == 1 else TwoScaleInterpolant(sums[0], tuple(sums[1:]), sums[0].basis, 0)
+            return TwoScaleInterpolant(spline, tuple(sums))
+        return sums[0] if len(sums) == 1 else TwoScaleInterpolant(sums[0], tuple(sums[1:]))
 
     def counted(self, places: Floats, weights: Floats) -> Floats:
         """The transpose: (r, k) derivatives by the coefficients, for (n, k) weights of the values at (n, d) places."""

@@ -105,7 +105,6 @@ def gradient(field: AnyInterpolant | NestedSpline, points: Floats) -> Floats:
     Raises InvalidInput if the basis has no gradient at its centres, or the points' dimension is not the interpolant's.
     """
     if isinstance(field, TwoScaleInterpolant):
-        require_gradient(field.basis)
         out = gradient(field.coarse, points)
         for level in field.levels:
             near = level.layout.within_reach(points)

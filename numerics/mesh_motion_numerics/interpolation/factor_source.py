@@ -12,7 +12,6 @@ import numpy as np
 from mesh_motion_numerics.arrays import Floats, Integers
 from mesh_motion_numerics.interpolation.evaluation import NearOperator
 from mesh_motion_numerics.interpolation.interpolant import Factorization, Interpolant, factorize
-from mesh_motion_numerics.interpolation.kernels import Basis, basis_named, checked_radius
 from mesh_motion_numerics.interpolation.two_scale.factorization import TwoScalePlan
 from mesh_motion_numerics.interpolation.two_scale.interpolant import AnyInterpolant
 from mesh_motion_numerics.method import Method
@@ -143,18 +142,6 @@ class DeferredFactorization:
     control_points: Floats
     method: Method
     factors: FactorSource
-
-    @property
-    def basis(self) -> Basis:
-        return basis_named(self.method.basis)
-
-    @property
-    def support_radius(self) -> float:
-        return checked_radius(self.method.support_radius, self.basis)
-
-    @property
-    def solver(self) -> str:
-        return self._made.solver
 
     @property
     def nbytes(self) -> int:

@@ -21,7 +21,7 @@ from mesh_motion_numerics.arrays import Floats, Integers
 from mesh_motion_numerics.interpolation import evaluation
 from mesh_motion_numerics.interpolation.centres import CentreLayout
 from mesh_motion_numerics.interpolation.interpolant import Factorization, Interpolant
-from mesh_motion_numerics.interpolation.kernels import DEFAULT_BASIS, Basis, basis_named
+from mesh_motion_numerics.interpolation.kernels import DEFAULT_BASIS, basis_named
 from mesh_motion_numerics.interpolation.two_scale.interpolant import AnyInterpolant, TwoScaleInterpolant
 from mesh_motion_numerics.mesh.points import bounding_box
 
@@ -51,18 +51,6 @@ class FarFieldFactorization:
         return self.near.control_points
 
     @property
-    def basis(self) -> Basis:
-        return self.near.basis
-
-    @property
-    def support_radius(self) -> float:
-        return self.near.support_radius
-
-    @property
-    def solver(self) -> str:
-        return self.near.solver
-
-    @property
     def nbytes(self) -> int:
         return self.near.nbytes
 
@@ -84,8 +72,8 @@ class FarFieldFactorization:
 
     def joined(self, mean: Floats, near: AnyInterpolant) -> TwoScaleInterpolant:
         """The interpolant of a mean (1, k) and of what was left."""
-        whole = TwoScaleInterpolant(near, (), near.basis, 0) if isinstance(near, Interpolant) else near
-        return TwoScaleInterpolant(whole.coarse, (self.far(mean), *whole.levels), whole.basis, whole.iterations)
+        whole = TwoScaleInterpolant(near, ()) if isinstance(near, Interpolant) else near
+        return TwoScaleInterpolant(whole.coarse, (self.far(mean), *whole.levels))
 
     def far(self, mean: Floats) -> Interpolant:
         """t φ(|x − c| / R_t) for t = ``mean`` (1, k)."""

@@ -64,17 +64,6 @@ class Factorization(Protocol):
         ...
 
     @property
-    def basis(self) -> Basis: ...
-
-    @property
-    def support_radius(self) -> float: ...
-
-    @property
-    def solver(self) -> str:
-        """Name of the solver in use: "dense", "sparse", "iterative" or "two-scale"."""
-        ...
-
-    @property
     def nbytes(self) -> int:
         """Bytes of the factorization."""
         ...
@@ -142,6 +131,7 @@ class AllCentreFactorization:
 
     @property
     def solver(self) -> str:
+        """Name of the solver in use: "dense", "sparse" or "iterative"."""
         return self.system.name
 
     @cached_property

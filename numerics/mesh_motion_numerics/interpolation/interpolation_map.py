@@ -78,7 +78,7 @@ def interpolation_map(
         return _Periodic(factorization, places)
     if isinstance(factorization, PeriodicLevels):
         return _PeriodicLevels(factorization, places)
-    raise InvalidInput(f"an interpolation of the kind {factorization.solver!r} has no derivative")
+    raise InvalidInput("an interpolation from reduced control points has no derivative")
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +102,7 @@ class FieldMap:
             return made.solve(values)
         coarse, weights = _Levels(made, self.factors).solve(values)
         levels = tuple(system.interpolant(rows) for system, rows in zip(made.systems, weights, strict=True))
-        return TwoScaleInterpolant(coarse, levels, made.basis, 0)
+        return TwoScaleInterpolant(coarse, levels)
 
     def transpose(self, coarse: Floats, levels: Sequence[Floats] = ()) -> Floats:
         """The transpose: (nc, k) derivatives by the values, for weights of the coefficients.
@@ -126,7 +126,7 @@ class FieldMap:
         if isinstance(made, PeriodicLevels):
             return _PeriodicLevels(made).transpose_weights([coarse, *levels])
         if not isinstance(made, TwoScaleFactorization):
-            raise InvalidInput(f"an interpolation of the kind {made.solver!r} has no derivative")
+            raise InvalidInput("an interpolation from reduced control points has no derivative")
         own = _Levels(made, self.factors)
 
         def of_coarse(weights: Floats) -> Floats:

@@ -101,10 +101,6 @@ class PeriodicFactorization:
     system: LinearSolver
 
     @property
-    def solver(self) -> str:
-        return self.system.name
-
-    @property
     def nbytes(self) -> int:
         return self.system.nbytes + self.layout.coordinates.nbytes + 2 * self.images.places.nbytes
 
@@ -238,18 +234,6 @@ class PeriodicLevels:
     levels: list[tuple[Integers, PeriodicFactorization]]
 
     @property
-    def basis(self) -> Basis:
-        return self.levels[0][1].basis
-
-    @property
-    def support_radius(self) -> float:
-        return self.levels[0][1].support_radius
-
-    @property
-    def solver(self) -> str:
-        return "two-scale"
-
-    @property
     def nbytes(self) -> int:
         return sum(level.nbytes for _, level in self.levels)
 
@@ -259,7 +243,7 @@ class PeriodicLevels:
         for members, level in self.levels:
             found.append(level.solve(left[members]))
             left -= evaluation.displacement(found[-1], self.control_points)
-        return TwoScaleInterpolant(found[0], tuple(found[1:]), self.basis, 0)
+        return TwoScaleInterpolant(found[0], tuple(found[1:]))
 
 
 def _near_images(points: Floats, group: _Group, box: Floats, radius: float) -> _Images:

@@ -9,8 +9,9 @@ import pytest
 from frame_meshes import tensor_grid
 from mesh_motion_numerics.interpolation import evaluation
 from mesh_motion_numerics.interpolation.interpolant import factorize
+from mesh_motion_numerics.interpolation.two_scale import compact_levels as levels_module
 from mesh_motion_numerics.interpolation.two_scale.coarse_points import coarse_points
-from mesh_motion_numerics.interpolation.two_scale.compact_levels import compact_levels
+from mesh_motion_numerics.interpolation.two_scale.compact_levels import CompactSystem, compact_levels
 from mesh_motion_numerics.interpolation.two_scale.factorization import (
     AUTOMATIC_FROM,
     TwoScaleFactorization,
@@ -110,7 +111,9 @@ def test_the_gradient_is_that_of_the_values() -> None:
         np.testing.assert_allclose(gradient[:, :, m], (ahead - behind) / (2 * h), atol=1e-7)
 
 
-def test_a_displaced_mesh_is_solved_with_the_reference_mesh_preconditioner() -> None:
+def test_a_displaced_mesh_is_solved_with_the_reference_mesh_preconditioner(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(CompactSystem, "_preconditioners", lambda system: [system.level.precondition])
+    monkeypatch.setattr(levels_module, "_MAX_ITERATIONS", 40)
     points, moving = CASES["3D"]
     plan = _plan(points, moving)
     displaced = points + _turn(points, moving)
@@ -118,7 +121,6 @@ def test_a_displaced_mesh_is_solved_with_the_reference_mesh_preconditioner() -> 
     values = _turn(points, moving)
     found = prepared.solve(values)
     assert np.abs(evaluation.displacement(found, displaced) - values).max() <= 1e-10 * np.abs(values).max()
-    assert found.iterations < 60
 
 
 def test_the_same_question_has_the_same_answer_to_the_bit() -> None:

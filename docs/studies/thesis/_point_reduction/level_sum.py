@@ -2,7 +2,7 @@
 
 import numpy as np
 from mesh_motion_numerics.arrays import Integers
-from mesh_motion_numerics.interpolation.interpolant import Factorization, factorize
+from mesh_motion_numerics.interpolation.interpolant import AllCentreFactorization, factorize
 from mesh_motion_numerics.reduction.growing_set import full_operations
 from mesh_motion_numerics.reduction.problem import Level, Progress, Reduced, ReductionProblem
 from mesh_motion_protocol.errors import InvalidInput
@@ -71,7 +71,7 @@ class LevelSum:
         return Reduced(tuple(self._levels), self.selected, self.error, tuple(self.progress.history))
 
 
-def _operations(problem: ReductionProblem, factorization: Factorization) -> float:
+def _operations(problem: ReductionProblem, factorization: AllCentreFactorization) -> float:
     """Multiply-adds of a factorization and its substitutions; estimated from its memory if it is not dense."""
     n = len(factorization.control_points)
     if factorization.solver == "dense":

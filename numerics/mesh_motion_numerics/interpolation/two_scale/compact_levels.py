@@ -252,7 +252,7 @@ class CompactSystem:
         """
         if self._factor is not None:
             return self._factor.solve(right)
-        return self.weights(right, largest(right), _EXACT)[0]
+        return self.weights(right, largest(right), _EXACT)
 
     @cached_property
     def _factor(self) -> SparseCholesky | None:
@@ -263,8 +263,8 @@ class CompactSystem:
         pattern = starts.astype(np.int64), columns
         return SparseCholesky.build(*pattern, entries.reshape(-1, 1, 1), Elimination.of(*pattern, self.points))
 
-    def solve(self, residual: Floats, scale: float, *, last: bool = True) -> tuple[Interpolant, int]:
-        """Return the interpolant at the members of a residual (n, k) of all control points, and the iterations.
+    def solve(self, residual: Floats, scale: float, *, last: bool = True) -> Interpolant:
+        """Return the interpolant at the members of a residual (n, k) of all control points.
 
         Parameters
         ----------
@@ -281,16 +281,15 @@ class CompactSystem:
         """
         own = residual.take(self.level.members, axis=0)
         if self.level.direct:
-            return self.interpolant(self.exactly(own)), 0
-        weights, iterations = self.weights(own, scale, _TOLERANCE if last else _WIDE_TOLERANCE)
-        return self.interpolant(weights), iterations
+            return self.interpolant(self.exactly(own))
+        return self.interpolant(self.weights(own, scale, _TOLERANCE if last else _WIDE_TOLERANCE))
 
     def interpolant(self, weights: Floats) -> Interpolant:
         """The level's function with weights (m, k)."""
         return Interpolant(self.points, weights, BASIS, self.level.radius, self.layout)
 
-    def weights(self, right: Floats, scale: float, tolerance: float) -> tuple[Floats, int]:
-        """The weights (m, k) that give the values ``right`` (m, k) at the members, and the number of iterations.
+    def weights(self, right: Floats, scale: float, tolerance: float) -> Floats:
+        """The weights (m, k) that give the values ``right`` (m, k) at the members.
 
         All columns advance together until the residual is below the ``tolerance``, in units of the ``scale``.
 
@@ -300,14 +299,12 @@ class CompactSystem:
             The same as for :meth:`solve`.
         """
         if scale == 0.0:
-            return np.zeros_like(right), 0
-        taken = 0
+            return np.zeros_like(right)
         for precondition in self._preconditioners():
             found = precondition.conjugate_gradients(self.matrix, right, limit=tolerance * scale, most=_MAX_ITERATIONS)
-            taken += found.iterations
             reached = largest(found.residual) / scale
             if reached <= max(_ACCEPTED, tolerance):
-                return found.solution, taken
+                return found.solution
         raise QualityRefused(
             f"the near-surface interpolation stopped at a relative residual of {reached:.1e}",
             code="FAILED_PRECONDITION",

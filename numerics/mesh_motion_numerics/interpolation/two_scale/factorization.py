@@ -35,7 +35,7 @@ from mesh_motion_numerics.interpolation.interpolant import (
     Interpolant,
     factorize,
 )
-from mesh_motion_numerics.interpolation.kernels import Basis, basis_named
+from mesh_motion_numerics.interpolation.kernels import basis_named
 from mesh_motion_numerics.interpolation.two_scale.boxes import nested_boxes
 from mesh_motion_numerics.interpolation.two_scale.coarse_points import coarse_points, separated_points
 from mesh_motion_numerics.interpolation.two_scale.compact_levels import (
@@ -280,18 +280,6 @@ class TwoScaleFactorization:
     systems: list[CompactSystem]
 
     @property
-    def solver(self) -> str:
-        return "two-scale"
-
-    @property
-    def basis(self) -> Basis:
-        return self.coarse.basis
-
-    @property
-    def support_radius(self) -> float:
-        return self.coarse.support_radius
-
-    @property
     def nbytes(self) -> int:
         """Bytes of the factorization."""
         return self.coarse.nbytes + self.control_points.nbytes + sum(system.nbytes for system in self.systems)
@@ -307,15 +295,13 @@ class TwoScaleFactorization:
             points, values = points[distinct], values[distinct]
         left = evaluation.displacement(coarse, points)
         np.subtract(values, left, out=left)
-        levels, iterations = [], 0
+        levels = []
         for system in self.systems:
             last = system is self.systems[-1]
-            level, taken = system.solve(left, scale, last=last)
-            levels.append(level)
-            iterations += taken
+            levels.append(system.solve(left, scale, last=last))
             if not last:
-                left -= evaluation.displacement(level, points)
-        return TwoScaleInterpolant(coarse, tuple(levels), field.basis, iterations)
+                left -= evaluation.displacement(levels[-1], points)
+        return TwoScaleInterpolant(coarse, tuple(levels))
 
     @cached_property
     def weightless(self) -> TwoScaleInterpolant:
@@ -324,7 +310,7 @@ class TwoScaleFactorization:
         nothing = np.empty((len(coarse.control_points), 0))
         field = Interpolant(coarse.control_points, nothing, coarse.basis, coarse.support_radius, coarse.layout)
         levels = tuple(system.interpolant(np.empty((len(system.points), 0))) for system in self.systems)
-        return TwoScaleInterpolant(field, levels, self.basis, 0)
+        return TwoScaleInterpolant(field, levels)
 
     def averaged(self, values: Floats) -> Floats:
         """The values (n, k) with the mean of each place at its first point."""

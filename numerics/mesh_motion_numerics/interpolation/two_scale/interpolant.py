@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 
 from mesh_motion_numerics.interpolation.interpolant import Interpolant
-from mesh_motion_numerics.interpolation.kernels import Basis
 from mesh_motion_numerics.interpolation.two_scale.nested_grid import NestedSpline
 
 __all__ = ["AnyInterpolant", "TwoScaleInterpolant"]
@@ -19,16 +18,10 @@ class TwoScaleInterpolant:
         With many control points a spline through the coarse interpolation, with few the coarse interpolation itself.
     levels : tuple of Interpolant
         Compact, widest first.
-    basis : Basis
-        Basis of the coarse field.
-    iterations : int
-        Number of iterations of the conjugate gradients, for all levels together.
     """
 
     coarse: NestedSpline | Interpolant
     levels: tuple[Interpolant, ...]
-    basis: Basis
-    iterations: int
 
 
 AnyInterpolant = Interpolant | TwoScaleInterpolant
