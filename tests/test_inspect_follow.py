@@ -134,7 +134,7 @@ class Terminal:
 def test_in_a_terminal_it_is_drawn_and_left(state: Path, leave: str | signal.Signals, status: int) -> None:
     terminal = Terminal(state)
     shown = terminal.until(" iterations, ")
-    assert "\x1b[?1049h" in shown  # another screen, so that what was on it comes back
+    assert "\x1b[?1049h" in shown  # another screen, so that the first one comes back
     assert "red\x07" not in shown
     assert "\x1b[31mred" not in shown
     if isinstance(leave, str):

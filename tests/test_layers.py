@@ -30,7 +30,7 @@ LAYERS = ["session", "service", "transport"]
 ENGINE = ("dask", "distributed")
 #: Folders of the checkout that are in no wheel.
 APART_FROM_ALL = ("benchmarks", "docs", "tools", "tests")
-#: Packages that stand without the server, and what else they may not import.
+#: Packages that work without the server, and the other packages that they may not import.
 APART = {
     "mesh_motion_protocol": ("zmq", "mesh_motion_client", "mesh_motion_conformance"),
     "mesh_motion_conformance": ("mesh_motion_protocol", "mesh_motion_client"),

@@ -34,7 +34,7 @@ class Measurement:
     step_seconds : list of float
         Wall time of each step: from the boundary's displacement to positions of all nodes.
     cpu_seconds : list of float
-        Processor time of each step, all threads: nearly independent of what else the machine does.
+        Processor time of each step, all threads: nearly independent of other programs on the machine.
     peak_bytes : int
         Largest resident set, libraries and mesh included.
     """

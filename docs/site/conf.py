@@ -36,7 +36,7 @@ exclude_patterns = [
 
 extensions = ["myst_parser", "sphinx_copybutton"]
 nitpicky = True
-smartquotes = False  # quotes are often part of what is said
+smartquotes = False  # quotes are often part of the text
 myst_heading_anchors = 6
 myst_links_external_new_tab = False
 # a block without a language is text; code hosts show unknown languages as text too

@@ -76,7 +76,7 @@ class Study:
     claims : callable
         Raises AssertionError where an outcome, quick or full, does not show what the documentation says of it.
     functions : tuple of str
-        Dotted names of what does the work: where to read on.
+        Dotted names of the functions that do the work: where to read on.
     """
 
     title: str

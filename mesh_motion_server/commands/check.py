@@ -1,4 +1,4 @@
-"""``mesh-motion check``: what is wrong with a case or a mesh, and what will be refused."""
+"""``mesh-motion check``: the faults of a case or a mesh, and the motions that will be refused."""
 
 # ruff: noqa: PLC0415
 

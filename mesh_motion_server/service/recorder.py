@@ -1,5 +1,5 @@
 """Records each request in the session's history, and counts it for the operator: made from the replies themselves, once
-for all partitions. Counts have the number, duration and quality of what was executed, not the client's identity.
+for all partitions. Counts have the number, duration and quality of the executed requests, not the client's identity.
 
 A repeat that gets its stored reply is not recorded. Two kinds of refusals are not recorded either: refusals of a peer
 that has not joined the session, such as the previous holder; and refusals of the same code in a row beyond a limit,
@@ -159,7 +159,7 @@ def _count(reply: Message, seconds: float) -> None:
 
 
 def _count_motion(moved: Moved) -> None:
-    """Count the predicted quality and what the correction did."""
+    """Count the predicted quality and the correction's work."""
     inverted = moved.quality["standard"]["inverted"]
     if inverted:
         TALLY.count("predicted_inverted_cells", inverted)

@@ -1,4 +1,4 @@
-"""Read-only inspection of a session's folder: shows the journal's content, and what verifies.
+"""Read-only inspection of a session's folder: shows the journal's content, and which parts of it verify.
 
 It changes nothing and takes no lock: it may be used on a live session. A commit that is being written may then look
 unfinished.

@@ -1,9 +1,9 @@
 """``/metrics``, ``/healthz`` and ``/readyz`` over HTTP, in a separate process.
 
-``python -m mesh_motion_server.transport.monitor CHANNEL LEVEL``. It knows only what the supervisor sends every second:
-totals, and what is missing. So slow scrapers, port scans or a flood of connections load this process alone, and it has
-no secrets. When the supervisor's messages stop, ``/healthz`` reports it: this process does not depend on the loop that
-it watches.
+``python -m mesh_motion_server.transport.monitor CHANNEL LEVEL``. It knows only the message that the supervisor sends
+every second: totals, and which parts are missing. So slow scrapers, port scans or a flood of connections load this
+process alone, and it has no secrets. When the supervisor's messages stop, ``/healthz`` reports it: this process does
+not depend on the loop that it watches.
 
 Each connection has one request and five seconds in total; when there are too many, the oldest one is closed.
 """

@@ -292,7 +292,7 @@ def _die_with(parent: int) -> None:
 
 
 def limit_address_space(allowance: int) -> None:
-    """Bound the address space to what is mapped now plus ``allowance`` bytes.
+    """Bound the address space to its present size plus ``allowance`` bytes.
 
     No other limit stops a message with endless frames (flag MORE): MAXMSGSIZE and the high-water marks do not count
     frames.

@@ -159,7 +159,7 @@ FAULTS = [
     Fault("does not look at ranges", replacing((schema, "_check_marker", nothing)),
           ("4-client-of-15-bytes", "12-JOIN-token-of-31-bytes", "12-OPEN-dimension-above",
            "12-HELLO-agent-of-257-bytes")),
-    Fault("forgets the id of what it refuses", replacing((codec, "_request_id", lambda header: (bytes(16), 0))),
+    Fault("forgets the id of a refused request", replacing((codec, "_request_id", lambda header: (bytes(16), 0))),
           ("4-id-with-a-wrong-type", "4-id-with-an-unknown-field")),
     # errors, versions
     Fault("gives no hint",

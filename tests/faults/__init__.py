@@ -22,7 +22,7 @@ A check that is not named here consists of one module. Parts of the other checks
 
     a server             server_process.py as installed, stand_in_server.py without numerics (stand_in_service.py),
                          in_process.py in this process (in_process_parts.py)
-    a client             the product's, through network_driver.py; holder.py by what SPEC.md says alone, on wire.py
+    a client             the product's, through network_driver.py; holder.py, written from SPEC.md alone, on wire.py
     a mesh and a model   stand_in.py, client_mesh.py
     the right result     driver.py asks a session without a socket, undisturbed.py
     of the machine       processes.py, waiting.py

@@ -29,7 +29,7 @@ _TABLE = (
     ("store.mesh.read", "mesh.bin is about to be read", _FILE),
     ("store.discard.renamed", "a discarded session is renamed, not deleted", _FILE),
     ("store.list", "the stored sessions are about to be listed", _READING),
-    ("store.sweep", "a starting server looks for what was half made or half deleted", _CERTAIN),
+    ("store.sweep", "a starting server looks for folders that were half made or half deleted", _CERTAIN),
     # the journal
     ("journal.create.slots", "the slots are written, there is no manifest", _FILE),
     ("journal.create.unnamed", "a new manifest is written under its provisional name", _FILE),

@@ -16,11 +16,11 @@ kind            what becomes of the unit, and then of its connection
 ``half-open``   one end is closed, the other one stays open and silent
 ``duplicate``   comes twice
 ``reorder``     comes after the next message that goes the same way, be it over another connection
-``replay``      comes; and what went to the server over this connection is sent again over another one
+``replay``      comes; and all bytes sent to the server over this connection are sent again over another one
 ``swap``        its connection is cut; the next one to a data endpoint is led to another session's
 ``restart``     its connection is cut; the server is killed and started again, and meanwhile no connection is let in
 ``flip``        one bit of it is turned
-``truncate``    comes without its end, and what follows comes whole
+``truncate``    comes without its end, and the following messages come whole
 ==============  =====================================================================================================
 """
 
@@ -194,7 +194,7 @@ class Network:
         return port
 
     async def _pump(self, passage: _Passage, way: str, reader: asyncio.StreamReader) -> None:
-        """Pass on what comes from one end, until it ends."""
+        """Pass on the bytes from one end, until it ends."""
         stream = Stream()
         with contextlib.suppress(OSError):
             while data := await reader.read(1 << 16):

@@ -194,7 +194,7 @@ class Scene:
         refused = self._judge(frames, replies, peer)
         require(partition is not None or len(replies) == 1, f"a message to control has {len(replies)} replies")
         after = self._standings()
-        require(before[1] == after[1], "a session has been changed by what was sent to another one")
+        require(before[1] == after[1], "a session has been changed by a message to another one")
         if refused:
             require(before == after, "a refused request has changed where the session stands")
             done = server.files.operations[touched:]

@@ -19,7 +19,7 @@ ADMITTED = {
 }
 #: Requests that every partition has to make.
 COLLECTIVE = ("BUILD", "MOVE", "COMMIT", "ROLLBACK")
-#: Section 20: what those may ask of a session who do not own it, and what they are answered otherwise.
+#: Section 20: the requests that others than a session's owner may send, and the answer to all other requests.
 OTHERS = {
     "stranger": ("", "NOT_FOUND"),
     "unlisted": ("", "UNAUTHENTICATED"),

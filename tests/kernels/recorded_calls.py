@@ -1,4 +1,4 @@
-"""Records calls of loops, with their results and what they wrote, for ``replay``.
+"""Records calls of loops, with their results and the arrays that they wrote, for ``replay``.
 
 ``python recorded_calls.py FILE`` prints for each loop the number of calls from moves and tests, and the number of all
 calls.
@@ -21,7 +21,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 import fuzz
 import moves
 
-#: Where loops are called with what they are for: moves, and tests of what moves seldom do.
+#: Programs that call loops with real data: moves, and tests of rare branches of moves.
 _CASES = ("2D sparse", "2D corrected", "2D maximum", "2D reduced", "3D mixed", "3D two scales")
 _TESTS = (
     "factorizations/test_iterative.py",

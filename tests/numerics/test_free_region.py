@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from box_meshes import CELL_KINDS, box_mesh
 from mesh_motion_numerics.correction.distortion import PNorm, corner_blocks, distortion_gradient, mean_distortion
-from mesh_motion_numerics.correction.free_region import cells_of_nodes, free_region, grow, nodes_of_cells
+from mesh_motion_numerics.correction.free_region import cells_of_nodes, free_region, gathered, grow, nodes_of_cells
 
 
 def some_free(mesh, seed: int = 1) -> np.ndarray:
@@ -36,7 +36,7 @@ def test_gathers_are_the_sums_over_corners(kind: str) -> None:
     shares = distortion_gradient(points, region.simplices, weights, norm)
     expected = np.zeros_like(points)
     np.add.at(expected, region.simplices.nodes, shares)
-    np.testing.assert_allclose(region.adjacency.gather(shares), expected[: region.n_free], rtol=1e-12, atol=1e-13)
+    np.testing.assert_allclose(gathered(region.adjacency, shares), expected[: region.n_free], rtol=1e-12, atol=1e-13)
 
     blocks = np.zeros((len(region.simplices), d * d, d * d), dtype=np.float32)
     corner_blocks(points, region.simplices, weights, norm, blocks)

@@ -14,7 +14,7 @@ from served import small_mesh
 from mesh_motion_server.operation.metrics import METRICS, PREFIX
 from tests.faults.waiting import wait_until
 
-#: prometheus.io/docs/practices/naming: base units, and what promtool check metrics objects to.
+#: prometheus.io/docs/practices/naming: base units, and the objections of `promtool check metrics`.
 _OTHER_UNITS = re.compile(r"_(ms|milliseconds|minutes|hours|kb|kilobytes|mb|megabytes|percent)(_|$)")
 
 

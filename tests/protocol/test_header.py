@@ -88,5 +88,5 @@ def test_no_key_is_interned_however_deep_it_is() -> None:
     (inner,) = header[outer][0]
     (innermost,) = header[outer][0][inner]
     again = msgpack.unpackb(msgpack.packb({"key of another test": 1}))
-    assert is_interned(next(iter(again)))  # why unpackb is not for what a client sends
+    assert is_interned(next(iter(again)))  # the reason why unpackb does not read a client's bytes
     assert not any(is_interned(key) for key in (outer, inner, innermost))

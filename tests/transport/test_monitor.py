@@ -82,7 +82,7 @@ def test_a_gateway_that_is_stopped_holds_no_request_up(start, connect):
         with stopped(server.process.pid):
             for _ in range(60):
                 control.send(List)
-            assert control.ask(Ping).type == "PONG"  # it has handed on what came before
+            assert control.ask(Ping).type == "PONG"  # it has handed on the messages before
             still.enter_context(stopped(gateway))
         reason = wait_until(lambda: unwell(server), "a loop stands still")
         assert reason.startswith("gateway: ")

@@ -1,4 +1,4 @@
-/* The error of a call, the time that it has, and what every call begins with. See mesh_motion.h. */
+/* The error of a call, the time that it has, and the code with which every call begins. See mesh_motion.h. */
 #define _POSIX_C_SOURCE 200809L
 
 #include "mm_context.h"

@@ -18,7 +18,7 @@ __all__ = ["read_tables"]
 
 #: An interface of the schema.
 _KEYS = ("mesh_name", "patches", "location", "read_data", "write_data", "is_received")
-#: ``solver_name`` of what is written, and the key of ``[write]`` that names the data.
+#: ``solver_name`` of the written data, and the key of ``[write]`` that names the data.
 _WRITTEN = {"displacement": "data", "velocity": "velocity"}
 
 

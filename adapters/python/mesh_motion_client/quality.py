@@ -16,7 +16,7 @@ class Distribution(TypedDict):
 
 
 class WorstCell(TypedDict):
-    """One of the worst cells; ``cell`` is its row in the ``type``'s cells of the ``partition``, ``centre`` (d,)."""
+    """One of the worst cells; ``cell`` is its row among the cells of its ``type`` in the ``partition``."""
 
     partition: int
     type: str

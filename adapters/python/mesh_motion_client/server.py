@@ -365,7 +365,7 @@ def _named(credentials: Credentials) -> dict[str, Any]:
     if not isinstance(credentials, Credentials):
         raise InvalidInput(
             f"credentials must be Credentials, got {type(credentials).__name__}",
-            hint="session.credentials, or Credentials.load(path) of what session.credentials.save(path) wrote",
+            hint="session.credentials, or Credentials.load(path) of a file that session.credentials.save(path) wrote",
         )
     return {"session": credentials.session, "token": credentials.token}
 

@@ -90,7 +90,7 @@ ERROR_CODES: dict[str, ErrorCode] = _codes(
     ("INVALID_ARGUMENT.VALUE", False, _SAME, "a field has a value outside its choices or range", "use a listed value"),
     ("INVALID_ARGUMENT.DTYPE", False, _SAME, "an array has a dtype that its field does not admit", "send <f8 or <i8"),
     ("INVALID_ARGUMENT.SHAPE", False, _SAME, "an array has a shape that its field does not admit", "send that shape"),
-    ("INVALID_ARGUMENT.FRAMES", False, _SAME, "array frames differ from what frame 0 declares", "chunk as SPEC says"),
+    ("INVALID_ARGUMENT.FRAMES", False, _SAME, "array frames differ from frame 0's declaration", "chunk as SPEC says"),
     ("INVALID_ARGUMENT.NONFINITE", False, _SAME, "a number is NaN or infinite", "look at the sender's solver first"),
     ("INVALID_ARGUMENT.SETTINGS", False, _SAME, "a setting is unknown or has a wrong value", "see the SPEC, Settings"),
     ("INVALID_ARGUMENT.MESH", False, _SAME, "the mesh is unusable", "`mesh-motion check` lists all problems"),

@@ -15,7 +15,7 @@ __all__ = ["KINDS", "graded"]
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-#: What lies around the body, and what the rest consists of.
+#: The cells around the body, and those of the rest.
 KINDS = {
     "quads": ("quad", "quad"),
     "quads, triangles": ("quad", "triangle"),

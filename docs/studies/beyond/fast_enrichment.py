@@ -115,7 +115,7 @@ def race(case: Case) -> Race:
     goal = SAME * ours.minimum
     seconds = [
         _timed(case, goal)[1]
-    ]  # before, between and after the others, so that what else the machine does meets all
+    ]  # before, between and after the others, so that other programs on the machine slow all alike
     others = {}
     for variables in VARIABLES:
         for iterations in case.schedules[variables]:

@@ -89,8 +89,8 @@ class _Content:
 def _read(path: Path) -> MeshFile:
     """Read a mesh from ``.inp``.
 
-    Raises InvalidInput for several parts, unknown elements of a volume, sets of what is not there, and malformed lines;
-    names the keyword and line.
+    Raises InvalidInput for several parts, unknown elements of a volume, sets of missing nodes or elements, and
+    malformed lines; names the keyword and line.
     """
     try:
         return _mesh(path, _content(_whole(path, path.resolve().parent, set())))

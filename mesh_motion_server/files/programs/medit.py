@@ -120,7 +120,7 @@ def _number(data: bytes, place: int, dtype: np.dtype[Any]) -> int:
 
 @dataclass(frozen=True, eq=False)
 class _Sections:
-    """The file with blanks instead of comments and texts, and begin and end of what follows each keyword."""
+    """The file with blanks instead of comments and texts, and the begin and end of the text after each keyword."""
 
     whole: bytes
     data: bytes  # the same with blanks

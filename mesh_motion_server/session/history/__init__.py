@@ -6,7 +6,7 @@
         events-00000000.jsonl, …             one JSON object a line, see :mod:`.events`
         boundary-00000000.bin, …             see :mod:`.boundary`
 
-The journal keeps only what a recovery needs. The history has no guarantee: nothing is synced.
+The journal keeps only the data that a recovery needs. The history has no guarantee: nothing is synced.
 The first failed write, or a disk that repeatedly delays steps (:data:`.segments.ALLOWANCE`), ends the history with one
 warning (:mod:`.writer`). The history never makes a request fail and never changes an answer. The lines that were
 written before an answer was sent survive a kill of the process; a loss of power may remove the end.

@@ -35,7 +35,7 @@ SLOTS = ("slot-0", "slot-1")
 KEPT_COMMITS = 8
 #: Number of bytes of a manifest that are read first for a list: some ten commits.
 _FIRST_BYTES = 16 * PAGE
-#: More than any manifest has: 24 records of 256 partitions, and what level "replay" logs.
+#: More than any manifest has: 24 records of 256 partitions, and the log of level "replay".
 _MOST_BYTES = 1 << 28
 
 

@@ -1,7 +1,7 @@
 """Answers to the page's requests, with one thread for each kind, so that a long history does not delay the list.
 
-The archive reads only what a page shows, and caches it: the series of the last few sessions, some pictures, and the
-answers as long as they are valid. So any number of pages costs the same as one.
+The archive reads only the data that a page shows, and caches them: the series of the last few sessions, some pictures,
+and the answers as long as they are valid. So any number of pages costs the same as one.
 """
 
 import json

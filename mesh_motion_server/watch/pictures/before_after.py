@@ -129,7 +129,7 @@ def _bar_label(pair: MeshPair) -> str:
 
 def _arrangement(dimension: int, window: Floats, page: Page) -> tuple[list[str], list[float], list[float], float]:
     """Rows of panels (a, b the meshes, c close-up, d distribution), shares of columns, heights of rows, and the height
-    of what is above and below, mm.
+    of the rows above and below, mm.
     """
     ratio = float((window[1, 1] - window[0, 1]) / (window[1, 0] - window[0, 0]))
     head, text = 26.0, 11.0

@@ -223,7 +223,7 @@ def _read_steps(path: Path) -> dict[str, Floats]:
         names = list(rows[0]) if rows else []
         table = {name: np.array([float(row[name]) for row in rows]) for name in names}
     except (OSError, ValueError, TypeError, csv.Error) as error:
-        raise InvalidInput(f"{path}: not readable as what play writes: {error}") from None
+        raise InvalidInput(f"{path}: not readable as a file that play writes: {error}") from None
     needed = {"step", "min_size_skew", "predicted_min", "predicted_standard", "iterations", "seconds"}
     if not rows or not needed <= set(table):
         missing = ", ".join(sorted(needed - set(table)))

@@ -235,7 +235,7 @@ class _Search:
         return result.points
 
     def forecast(self) -> float:
-        """Estimate from the levels so far of what the sharper p-means will reach; inf before the second level."""
+        """Estimate the quality that the sharper p-means will reach, from the levels so far; inf before the second."""
         reached = [stage.minimum for stage in self.history if stage.norm.epsilon == 0.0]
         if len(reached) < 2:
             return math.inf

@@ -60,7 +60,7 @@ class FarFieldFactorization:
         return self.joined(mean, self.near.solve(left))
 
     def separated(self, values: Floats) -> tuple[Floats, Floats]:
-        """The mean (1, k) of the moving control points' values, and what is left of all values (nc, k)."""
+        """The mean (1, k) of the moving control points' values, and the remainder of all values (nc, k)."""
         mean = values[self.moving].mean(axis=0, keepdims=True)
         return mean, values - self._shares * mean
 
@@ -71,7 +71,7 @@ class FarFieldFactorization:
         return values
 
     def joined(self, mean: Floats, near: AnyInterpolant) -> TwoScaleInterpolant:
-        """The interpolant of a mean (1, k) and of what was left."""
+        """The interpolant of a mean (1, k) and of the remainder."""
         whole = TwoScaleInterpolant(near, ()) if isinstance(near, Interpolant) else near
         return TwoScaleInterpolant(whole.coarse, (self.far(mean), *whole.levels))
 

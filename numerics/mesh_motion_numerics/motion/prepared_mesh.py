@@ -131,7 +131,7 @@ class PreparedMesh:
 
     @cached_property
     def _brief(self) -> Self:
-        other = copy(self)  # with what is already prepared: later coupling iterations use this mesh
+        other = copy(self)  # with the data that are already prepared: later coupling iterations use this mesh
         object.__setattr__(other, "distributions", False)
         return other
 

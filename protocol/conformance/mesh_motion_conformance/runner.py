@@ -81,7 +81,7 @@ def _verdict(case: Case, stage: Stage) -> tuple[str, dict[str, str], bool]:
 
 
 def _failure(case: Case, error: Exception) -> dict[str, str]:
-    """Expected and received; a reply may be so wrong that it causes an error in the case itself."""
+    """Return the expected and the received reply; a wrong reply may cause an error in the case itself."""
     if isinstance(error, Unmet):
         return {"expected": error.expected, "got": error.got}
     if isinstance(error, (Silence, Ended, Malformed)):

@@ -37,7 +37,7 @@ std::string type_name() {
     return kind + std::to_string(sizeof(T));
 }
 
-/// Equal bits, but for the sign and payload of what is not a number, which processors choose.
+/// Equal bits, except the sign and payload of NaN, which processors choose.
 template <class T>
 bool same(const T* a, const T* b, Index n) {
     for (Index i = 0; i < n; ++i)
@@ -45,7 +45,7 @@ bool same(const T* a, const T* b, Index n) {
     return true;
 }
 
-/// How an argument or a result of type T is read from what was recorded, and compared with it.
+/// How an argument or a result of type T is read from the record, and compared with it.
 template <class T>
 struct As {
     static bool fits(const Value& value) { return value.kind == 'n'; }

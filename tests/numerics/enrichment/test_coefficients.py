@@ -11,6 +11,7 @@ from mesh_motion_numerics.correction.enrichment.coefficients import (
     optimised_placement,
 )
 from mesh_motion_numerics.correction.enrichment.space import EnrichmentSpace
+from mesh_motion_numerics.correction.free_region import gathered
 from mesh_motion_numerics.correction.trial_nodes import Polished
 from scipy.sparse import bsr_matrix
 
@@ -90,7 +91,7 @@ def test_a_step_is_the_minimiser_of_the_model_within_the_space(name: str) -> Non
     psi = space_of(name, 5).values(problem.start[region.free])
     points = problem.start[region.nodes]
     _, weights = mean_distortion(points, region.simplices, norm)
-    gradient = region.adjacency.gather(distortion_gradient(points, region.simplices, weights, norm))
+    gradient = gathered(region.adjacency, distortion_gradient(points, region.simplices, weights, norm))
     blocks = np.zeros((len(region.simplices), d * d, d * d), dtype=np.float32)
     corner_blocks(points, region.simplices, weights, norm, blocks)
     hessian = region.adjacency.assemble(blocks, d)

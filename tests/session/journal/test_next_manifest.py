@@ -19,7 +19,7 @@ RESERVE = FOLDER / "manifest.new"
 
 
 class FullDisk(ModelFiles):
-    """A disk whose free bytes other programs take at once: writes in place need none."""
+    """Other programs take all free bytes of the disk at once; writes in place need none."""
 
     full = False
 

@@ -1,4 +1,4 @@
-"""Records: whole pages, and nothing damaged is read."""
+"""Records are whole pages, and a damaged one is not read."""
 
 import hashlib
 

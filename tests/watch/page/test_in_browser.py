@@ -297,7 +297,7 @@ def test_a_server_that_refuses_the_list_is_reported_with_its_reason(tab: Browser
     tab.wait(lambda: tab.text("#gone") == "", "nothing is wrong any more")
 
 
-#: Texts whose contrast with what is behind them is below WCAG's AA.
+#: Texts whose contrast with their background is below WCAG's AA.
 CONTRAST = """
 const probe = document.createElement('canvas').getContext('2d', { willReadFrequently: true });
 const rgba = (colour) => {

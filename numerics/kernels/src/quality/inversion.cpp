@@ -101,7 +101,7 @@ template <int d>
     return !((p[0] > rounding) & (first > rounding) & (second > rounding) & (p[0] + a + b + c > rounding));
 }
 
-/// Steps (m,) until a corner determinant of the cells with these nodes (m, k) is `left` of what it is now, up to the
+/// Steps (m,) until a corner determinant of the cells with these nodes (m, k) is `left` times its present value, up to the
 /// horizon.
 template <class Type>
 void until_inverted(Matrix<const double> points, Matrix<const double> start, Matrix<const Node> nodes, double left,

@@ -30,7 +30,7 @@ _PANELS, _POINTS = 64, 24
 
 
 class Smoothing(NamedTuple):
-    """What the first level follows, and the levels of what it leaves.
+    """The waves that the first level follows, and the levels for the remainder.
 
     Attributes
     ----------

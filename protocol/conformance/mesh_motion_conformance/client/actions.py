@@ -24,7 +24,7 @@ _ON_ITS_WAY = 0.1
 
 @dataclass(frozen=True)
 class Arrival:
-    """A request that has arrived, and what an action may do with it; ``given``: the action's parameters."""
+    """A request that has arrived, and the ways in which an action may use it; ``given``: the action's parameters."""
 
     server: ScriptedServer
     socket: zmq.Socket[bytes]
