@@ -17,7 +17,8 @@ from mesh_motion_protocol.limits import HEADER_BYTES
 from mesh_motion_protocol.messages import Message
 
 from mesh_motion_server.security.authorisation import not_found
-from mesh_motion_server.session.store import SessionStore, StoredSession
+from mesh_motion_server.session.listing import StoredSession
+from mesh_motion_server.session.store import SessionStore
 from mesh_motion_server.transport.processes import Child
 
 __all__ = ["Asked", "Live", "Registry", "RequestBook", "fit"]

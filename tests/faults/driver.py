@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 from mesh_motion_protocol.messages import Build, Commit, Join, Move, SessionMessage, Upload
 
-from mesh_motion_server.service.dispatch import Envelope, SessionHost
+from mesh_motion_server.service.dispatch import SessionHost
+from mesh_motion_server.service.envelope import Envelope
 from mesh_motion_server.session.partitions.meshes import PartitionMesh
 from mesh_motion_server.session.spec import SessionSpec
 from mesh_motion_server.session.store import SessionStore

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from box_meshes import box_mesh
 from correction_cases import CASES, RADIUS, case, moved, rigid, stored
-from mesh_motion_numerics.correction.correction import CORRECTIONS, Correction, CorrectionProblem, correct, spoils
-from mesh_motion_numerics.correction.correction_problem import SMALL_MESH
+from mesh_motion_numerics.correction.correction import CORRECTIONS, Correction, correct, spoils
+from mesh_motion_numerics.correction.correction_problem import SMALL_MESH, CorrectionProblem
 from mesh_motion_numerics.interpolation import evaluation
 from mesh_motion_numerics.interpolation.interpolant import factorize
 from mesh_motion_numerics.mesh.cells import CellTable

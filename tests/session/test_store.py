@@ -8,9 +8,10 @@ from typing import Any
 import pytest
 from mesh_motion_protocol.errors import DataLoss, MeshMotionError, ResourceExhausted, SessionError
 
+from mesh_motion_server.session.listing import StoredSession
 from mesh_motion_server.session.spec import StoredSpec
 from mesh_motion_server.session.state import State
-from mesh_motion_server.session.store import SessionStore, StoredSession
+from mesh_motion_server.session.store import SessionStore
 from mesh_motion_server.settings import ServerSettings
 from tests.faults.driver import SESSION, TOKEN, make_driver, make_spec, resume
 from tests.faults.model_files import ModelFiles

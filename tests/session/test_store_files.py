@@ -15,8 +15,9 @@ from raising import raising
 
 from mesh_motion_server.session import store as store_module
 from mesh_motion_server.session.journal.filesystem import PosixFileSystem
+from mesh_motion_server.session.listing import StoredSession
 from mesh_motion_server.session.state import State
-from mesh_motion_server.session.store import SessionStore, StoredSession
+from mesh_motion_server.session.store import SessionStore
 from tests.faults.driver import SESSION, TOKEN, make_spec
 from tests.faults.model_files import FailingFiles, ModelFiles
 from tests.faults.stand_in import grid_mesh

@@ -8,7 +8,7 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
-from mesh_motion_numerics.correction.correction import CorrectionProblem
+from mesh_motion_numerics.correction.correction_problem import CorrectionProblem
 from mesh_motion_numerics.correction.trial_nodes import TrialMesh
 from mesh_motion_numerics.interpolation import evaluation
 from mesh_motion_numerics.interpolation.interpolant import Factorization, factorize

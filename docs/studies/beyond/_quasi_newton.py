@@ -12,7 +12,7 @@ import time
 from typing import Any
 
 import numpy as np
-from mesh_motion_numerics.correction.correction import CorrectionProblem
+from mesh_motion_numerics.correction.correction_problem import CorrectionProblem
 from mesh_motion_numerics.correction.distortion import PNorm, determinants, distortion_gradient, mean_distortion
 from mesh_motion_numerics.correction.enrichment.imposed_jacobian import cell_gradients
 from mesh_motion_numerics.correction.enrichment.space import EnrichmentSpace

@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 from mesh_motion_numerics.blas import one_blas_thread
-from mesh_motion_numerics.correction.correction import CorrectionProblem, correct
+from mesh_motion_numerics.correction.correction import correct
+from mesh_motion_numerics.correction.correction_problem import CorrectionProblem
 from mesh_motion_numerics.interpolation.factor_source import MakeEachTime
 from mesh_motion_numerics.method import Method
 from mesh_motion_numerics.stopwatch import Stopwatch

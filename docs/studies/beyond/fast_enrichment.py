@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 from mesh_motion_numerics.blas import one_blas_thread
-from mesh_motion_numerics.correction.correction import CorrectionProblem
+from mesh_motion_numerics.correction.correction_problem import CorrectionProblem
 from mesh_motion_numerics.correction.enrichment.coefficients import (
     optimised_enrichment,
     optimised_placement,

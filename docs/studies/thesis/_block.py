@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib import colormaps
-from mesh_motion_numerics.correction.correction import CorrectionProblem
+from mesh_motion_numerics.correction.correction_problem import CorrectionProblem
 from mesh_motion_numerics.correction.trial_nodes import TrialMesh
 from mesh_motion_numerics.interpolation.interpolant import factorize
 from mesh_motion_numerics.mesh.cells import CellTable

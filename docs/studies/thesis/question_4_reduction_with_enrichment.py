@@ -13,7 +13,8 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from mesh_motion_numerics.correction.correction import CorrectionProblem, correct
+from mesh_motion_numerics.correction.correction import correct
+from mesh_motion_numerics.correction.correction_problem import CorrectionProblem
 from mesh_motion_numerics.interpolation import evaluation
 from mesh_motion_numerics.interpolation.interpolant import Factorization, Interpolant, factorize
 from mesh_motion_numerics.interpolation.two_scale.interpolant import TwoScaleInterpolant

@@ -16,7 +16,8 @@ from mesh_motion_protocol.errors import InvalidInput, QualityRefused, SessionErr
 from mesh_motion_numerics.arrays import Floats, Integers, Marks
 from mesh_motion_numerics.blas import one_blas_thread
 from mesh_motion_numerics.correction.boundary_constraint import BoundaryConstraint
-from mesh_motion_numerics.correction.correction import Correction, CorrectionProblem, correct
+from mesh_motion_numerics.correction.correction import Correction, correct
+from mesh_motion_numerics.correction.correction_problem import CorrectionProblem
 from mesh_motion_numerics.correction.part_of_mesh import Elsewhere
 from mesh_motion_numerics.correction.smooth_motion import Law, SmoothMotion
 from mesh_motion_numerics.interpolation.factor_source import (

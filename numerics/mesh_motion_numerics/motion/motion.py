@@ -20,7 +20,8 @@ from mesh_motion_protocol.errors import QualityRefused, Timeout
 
 from mesh_motion_numerics.arrays import Floats, Integers, Marks
 from mesh_motion_numerics.blas import one_blas_thread
-from mesh_motion_numerics.correction.correction import Correction, CorrectionProblem, correct
+from mesh_motion_numerics.correction.correction import Correction, correct
+from mesh_motion_numerics.correction.correction_problem import CorrectionProblem
 from mesh_motion_numerics.correction.smooth_motion import SmoothMotion
 from mesh_motion_numerics.correction.trial_nodes import TrialMesh
 from mesh_motion_numerics.interpolation.factor_source import FactorSource, MakeEachTime, Recorded

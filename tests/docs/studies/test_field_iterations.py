@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from correction_cases import case as body_case
 from correction_cases import thesis_case
-from mesh_motion_numerics.correction.correction import CorrectionProblem
+from mesh_motion_numerics.correction.correction_problem import CorrectionProblem
 from mesh_motion_numerics.correction.enrichment import functions
 from mesh_motion_numerics.correction.enrichment.explicit_iterations import ExplicitSettings, explicit_iterations
 from mesh_motion_numerics.interpolation import evaluation
