@@ -6,8 +6,6 @@ EIO and ESTALE.
 
 from pathlib import Path
 
-__all__ = ["is_missing"]
-
 
 def is_missing(path: Path) -> bool:
     """Whether no entry has this name, not even a dangling link. Raises OSError if the disk gives no answer."""

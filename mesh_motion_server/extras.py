@@ -7,8 +7,6 @@ from __future__ import annotations
 
 import re
 
-__all__ = ["extra_of", "not_installed"]
-
 _PACKAGE = "mesh-motion-server"
 #: Extras that contain packages of other extras; the smallest extra that installs a module is named.
 _COLLECTIONS = ("all", "dev")

@@ -13,8 +13,6 @@ from pathlib import Path
 
 from mesh_motion_protocol.errors import InvalidInput
 
-__all__ = ["VARIABLE", "activate", "deactivate", "failpoint"]
-
 #: Environment variable with the folder of the plan and of the counts.
 VARIABLE = "MESH_MOTION_FAILPOINTS"
 _PLAN = "tests.faults.failpoint_plan"

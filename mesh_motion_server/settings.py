@@ -25,8 +25,6 @@ from pydantic import (
     model_validator,
 )
 
-__all__ = ["DURABILITY_LEVELS", "MethodSettings", "ServerSettings", "check_durability", "check_evaluation"]
-
 _Level = Literal["full", "replay", "relaxed"]
 #: Durability levels that a server offers unless its settings name others, the default first.
 DURABILITY_LEVELS: tuple[_Level, ...] = ("full", "replay", "relaxed")

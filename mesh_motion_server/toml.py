@@ -4,8 +4,6 @@ import re
 import tomllib
 from typing import Any
 
-__all__ = ["read_toml"]
-
 #: A dotted key with more parts than this is refused: the time to read it grows with the square of its parts.
 _MOST_PARTS = 100
 #: Possessive, and matched only at the start of a part, so that the time of the search grows linearly with the text.

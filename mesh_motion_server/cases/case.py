@@ -17,20 +17,6 @@ from mesh_motion_server.files import MeshFile, read_mesh
 from mesh_motion_server.settings import MethodSettings
 from mesh_motion_server.toml import read_toml
 
-__all__ = [
-    "Bending",
-    "Case",
-    "CaseFile",
-    "MotionSection",
-    "Oscillation",
-    "RigidMotion",
-    "StepsSection",
-    "case_name",
-    "read_case",
-    "toml_key",
-    "toml_text",
-]
-
 Role = Literal["moving", "fixed", "slip", "symmetry", "periodic", "free"]
 Vector = Annotated[list[float], Field(min_length=1, max_length=3)]
 

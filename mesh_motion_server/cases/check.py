@@ -31,9 +31,6 @@ from mesh_motion_server.cases.prediction import Prediction, named
 from mesh_motion_server.files import MeshFile, read_mesh
 from mesh_motion_server.files.reader import is_mesh
 
-__all__ = ["CheckReport", "check"]
-
-
 #: Share of the mesh's extent: a shorter motion is probably in another unit.
 _NEAREST = 1e-5
 _KINDS = ("moving", "fixed", "sliding", "periodic")

@@ -9,8 +9,6 @@ from mesh_motion_numerics.arrays import Floats, Integers
 from mesh_motion_server.cases.case import Bending
 from mesh_motion_server.files import MeshFile
 
-__all__ = ["bodies", "clamped_bending"]
-
 
 def bodies(mesh: MeshFile, moving: Sequence[str]) -> list[list[str]]:
     """The moving patches, grouped by shared nodes."""

@@ -17,8 +17,6 @@ from mesh_motion_server.session.replay import maker
 from mesh_motion_server.watch.observation.series import PHASES, Columns
 from mesh_motion_server.watch.terminal.console import Table
 
-__all__ = ["Agreement", "Comparison", "Replayed", "table_of", "write_comparison"]
-
 
 @dataclass(frozen=True, eq=False)
 class Replayed:

@@ -17,8 +17,6 @@ from mesh_motion_server.watch.pictures.before_after import MeshPair, draw_before
 from mesh_motion_server.watch.pictures.page import Page, pictures_are_possible, save, styled
 from mesh_motion_server.watch.terminal.console import Table
 
-__all__ = ["CASES", "Outcome", "play_demo", "table_of"]
-
 _DATA = Path(__file__).with_name("demo_data")
 #: Title of each case of the demonstration; the case's folder has the files of the example with the same name.
 CASES = {

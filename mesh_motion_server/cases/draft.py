@@ -35,8 +35,6 @@ from mesh_motion_server.cases.motion_program import MotionProgram
 from mesh_motion_server.cases.prediction import Prediction
 from mesh_motion_server.files import MeshFile
 
-__all__ = ["draft", "guessed_roles", "tried_draft"]
-
 _Facets = Callable[[], dict[str, Integers]]
 
 

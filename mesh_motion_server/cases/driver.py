@@ -10,8 +10,6 @@ from mesh_motion_client import Keys, Mesh, MeshMotionError, MeshMotionWarning, P
 from mesh_motion_server.cases.case import Case
 from mesh_motion_server.files import MeshFile
 
-__all__ = ["open_session", "passing_session"]
-
 
 def open_session(
     case: Case, mesh: MeshFile, endpoint: str | None, *, keys: Keys | None = None

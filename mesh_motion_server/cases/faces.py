@@ -3,8 +3,6 @@
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-__all__ = ["FACES", "faces_line", "faces_numbers"]
-
 #: Face values that are columns of steps.csv.
 FACES = (
     *("max_non_orthogonality", "faces_above_65", "faces_above_75", "max_skewness", "min_volume_ratio"),

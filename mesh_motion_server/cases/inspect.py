@@ -14,8 +14,6 @@ from mesh_motion_server.session.spec import SPEC
 from mesh_motion_server.watch.observation.steps import HistoryDigest, digest_of_history
 from mesh_motion_server.watch.terminal.console import Table, inert
 
-__all__ = ["Found", "inspect_folder", "inspect_step", "list_sessions"]
-
 
 @dataclass(frozen=True)
 class Found:

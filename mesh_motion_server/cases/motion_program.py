@@ -29,8 +29,6 @@ from mesh_motion_server.cases.case import Bending, Case, Oscillation, RigidMotio
 from mesh_motion_server.files import MeshFile
 from mesh_motion_server.files.npz import read_archive
 
-__all__ = ["BendingProgram", "MotionProgram", "RigidProgram", "TableProgram"]
-
 
 class PatchProgram(Protocol):
     """The motion of one patch."""

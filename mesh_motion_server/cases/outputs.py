@@ -21,15 +21,6 @@ from mesh_motion_server.cases.faces import FACES
 from mesh_motion_server.cases.records import StepRecord
 from mesh_motion_server.session.history.events import finite
 
-__all__ = [
-    "RESULTS",
-    "remove_results",
-    "run_folder",
-    "write_points",
-    "write_steps",
-    "write_summary",
-]
-
 SERIES = "mesh"
 #: Patterns of the files that a run writes.
 RESULTS = (

@@ -33,8 +33,6 @@ from mesh_motion_server.files import MeshFile, VtuSeries, patch_marks
 from mesh_motion_server.watch.pictures.page import pictures_are_possible
 from mesh_motion_server.watch.pictures.snapshot import Snapshot
 
-__all__ = ["Played", "play"]
-
 Progress = Callable[[int, int, StepRecord | None], None]
 
 #: Factor by which an iteration reduces the distance to the step's final displacement, like relaxation by 0.5.

@@ -17,8 +17,6 @@ from mesh_motion_server.cases.case import Case
 from mesh_motion_server.cases.motion_program import MotionProgram
 from mesh_motion_server.files import MeshFile
 
-__all__ = ["Prediction", "named"]
-
 
 @dataclass(frozen=True, eq=False)
 class Prediction:

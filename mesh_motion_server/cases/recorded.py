@@ -19,8 +19,6 @@ from mesh_motion_server.session.partitions.numbering import UploadView, upload_v
 from mesh_motion_server.session.spec import StoredSpec, spec_bytes
 from mesh_motion_server.watch.observation.series import Columns, Series, of_metric
 
-__all__ = ["Recorded", "difference_velocity", "read_recorded"]
-
 
 @dataclass(frozen=True, eq=False)
 class Recorded:

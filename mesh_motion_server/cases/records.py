@@ -16,8 +16,6 @@ from mesh_motion_server.watch.observation.series import PHASES
 if TYPE_CHECKING:
     from mesh_motion_client.moved import Moved
 
-__all__ = ["VTU_METRICS", "StepRecord", "add_seconds", "drawn"]
-
 VTU_METRICS = ("size", "skew", "size-skew", "relative-size-skew")
 """Data of every cell in the mesh series."""
 _NEAR = 3.0  # largest number of steps until the end that is reported

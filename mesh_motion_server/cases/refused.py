@@ -13,8 +13,6 @@ from mesh_motion_server.cases.prediction import Prediction
 from mesh_motion_server.cases.records import VTU_METRICS
 from mesh_motion_server.files import write_vtu
 
-__all__ = ["write_refused"]
-
 
 def write_refused(
     path: Path, prediction: Prediction, committed: Floats, step: int, cells: CellTable, sizes: AtRest

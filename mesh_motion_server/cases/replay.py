@@ -28,8 +28,6 @@ from mesh_motion_server.session.history.boundary import BoundaryStep
 from mesh_motion_server.settings import MethodSettings
 from mesh_motion_server.watch.observation.series import Series, of_metric
 
-__all__ = ["Runner", "replay", "replay_steps"]
-
 Progress = Callable[[int, int, StepRecord], None]
 
 

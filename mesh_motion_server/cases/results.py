@@ -18,8 +18,6 @@ from mesh_motion_server.watch.pictures.page import Page, pictures_are_possible, 
 from mesh_motion_server.watch.pictures.runs import read_played
 from mesh_motion_server.watch.pictures.snapshot import Snapshot
 
-__all__ = ["Results"]
-
 #: The page of quality.png, which is made for screens.
 _PAGE = Page(width=300.0, points=9.0, dpi=120)
 

@@ -9,8 +9,6 @@ from typing import Any
 from mesh_motion_server.watch.observation.fold import is_corrected
 from mesh_motion_server.watch.observation.steps import events_of_step
 
-__all__ = ["Story", "story_of_step"]
-
 Event = dict[str, Any]
 
 #: Number of worst cells in the text for each motion; ``--json`` has all ten.

@@ -23,8 +23,6 @@ from mesh_motion_server.commands.play import play
 from mesh_motion_server.commands.plot import plot
 from mesh_motion_server.commands.serve import serve
 
-__all__ = ["app"]
-
 _EPILOGUE = (
     "Exit status: 0 done; 1 a requirement is not met (conform), or the replayed states differ (play --from-journal); "
     "2 wrong usage or invalid input; 3 refused, because no acceptable mesh was found; 4 a session, a limit or the "

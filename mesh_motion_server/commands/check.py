@@ -15,8 +15,6 @@ from mesh_motion_server.commands.outcome import ExitStatus, complain, say, say_j
 if TYPE_CHECKING:
     from mesh_motion_server.cases.check import CheckReport
 
-__all__ = ["check"]
-
 
 def check(
     path: Annotated[Path, typer.Argument(metavar="CASE.toml|MESH", help="A case or a mesh file.", show_default=False)],

@@ -12,8 +12,6 @@ from typing import NoReturn
 from mesh_motion_server.commands.outcome import ExitStatus, complain
 from mesh_motion_server.extras import not_installed
 
-__all__ = ["main"]
-
 #: A disk takes no more of the output, which is redirected to a file.
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 

@@ -9,8 +9,6 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-__all__ = ["beginning_with", "log_levels", "roles", "session_folders"]
-
 #: Default state folder of ``serve``.
 _STATE = Path("~/.local/state/mesh-motion")
 _SESSION = re.compile(r"[0-9a-f]{32}")

@@ -13,8 +13,6 @@ from mesh_motion_server.commands.expected_errors import expected_errors
 from mesh_motion_server.commands.options import EndpointOption
 from mesh_motion_server.commands.outcome import ExitStatus, complain, say
 
-__all__ = ["conform"]
-
 
 def conform(
     endpoint: EndpointOption = None,

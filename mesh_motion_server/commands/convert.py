@@ -13,8 +13,6 @@ from mesh_motion_protocol.errors import MeshMotionError
 
 from mesh_motion_server.commands.outcome import complain, say, status_of
 
-__all__ = ["convert"]
-
 
 def convert(
     source: Annotated[Path, typer.Argument(metavar="IN", help="A mesh file or an OpenFOAM case.", show_default=False)],

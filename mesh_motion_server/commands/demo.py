@@ -12,8 +12,6 @@ import typer
 from mesh_motion_server.commands.expected_errors import expected_errors
 from mesh_motion_server.commands.outcome import complain, say, show
 
-__all__ = ["demo"]
-
 
 def demo(
     out: Annotated[Path, typer.Option("--out", "-o", metavar="DIR", help="Folder for pictures and results.")] = Path(

@@ -10,8 +10,6 @@ from mesh_motion_protocol.errors import MeshMotionError
 
 from mesh_motion_server.commands.outcome import ExitStatus, complain, status_of
 
-__all__ = ["expected_errors"]
-
 
 @contextmanager
 def expected_errors() -> Iterator[None]:

@@ -12,8 +12,6 @@ import typer
 from mesh_motion_server.commands.expected_errors import expected_errors
 from mesh_motion_server.commands.outcome import complain, say
 
-__all__ = ["init"]
-
 
 def init(
     mesh: Annotated[Path, typer.Argument(metavar="MESH", help="A mesh file or an OpenFOAM case.", show_default=False)],

@@ -19,8 +19,6 @@ from mesh_motion_server.commands.outcome import ExitStatus, complain, say, say_j
 if TYPE_CHECKING:
     from mesh_motion_server.watch.terminal.sources import FolderSource
 
-__all__ = ["inspect"]
-
 #: Width of a view that goes to a pipe.
 _PLAIN_COLUMNS = 100
 

@@ -13,8 +13,6 @@ from mesh_motion_server.commands.completions import roles
 from mesh_motion_server.commands.expected_errors import expected_errors
 from mesh_motion_server.commands.outcome import say
 
-__all__ = ["keys"]
-
 keys = typer.Typer(
     help="Make keys, and choose which clients may use a server: docs/security.md.",
     no_args_is_help=True,

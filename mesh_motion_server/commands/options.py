@@ -11,9 +11,6 @@ import typer
 if TYPE_CHECKING:
     from mesh_motion_client import Keys
 
-__all__ = ["EndpointOption", "KeyOption", "ServerKeyOption", "keys_of_options"]
-
-
 EndpointOption = Annotated[
     str | None,
     typer.Option(

@@ -27,9 +27,6 @@ from mesh_motion_server.watch.terminal.text import plain
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
-__all__ = ["ExitStatus", "complain", "say", "say_json", "show", "status_of"]
-
-
 #: Largest number of characters of a message.
 _MOST_CHARACTERS = 2000
 

@@ -25,8 +25,6 @@ from mesh_motion_server.commands.replay import changes_of, print_comparison
 if TYPE_CHECKING:
     from mesh_motion_server.cases.records import StepRecord
 
-__all__ = ["play"]
-
 CaseArgument = Annotated[Path | None, typer.Argument(metavar="CASE.toml", help="The case file.", show_default=False)]
 OutOption = Annotated[
     Path | None,

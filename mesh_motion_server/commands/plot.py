@@ -16,8 +16,6 @@ from mesh_motion_server.commands.outcome import complain, status_of
 if TYPE_CHECKING:
     from mesh_motion_server.watch.pictures.page import Page
 
-__all__ = ["plot"]
-
 _PICTURES = ("history", "mesh")
 
 

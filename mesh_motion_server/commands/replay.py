@@ -17,8 +17,6 @@ from mesh_motion_server.toml import read_toml
 if TYPE_CHECKING:
     from mesh_motion_server.cases.comparison import Comparison
 
-__all__ = ["changes_of", "print_comparison"]
-
 
 def print_comparison(comparison: Comparison, *, quiet: bool) -> None:
     """Print the table and the notes of the comparison.

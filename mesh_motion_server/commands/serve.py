@@ -13,8 +13,6 @@ from mesh_motion_protocol.errors import MeshMotionError
 from mesh_motion_server.commands.completions import log_levels
 from mesh_motion_server.commands.outcome import ExitStatus, complain
 
-__all__ = ["serve"]
-
 
 def serve(
     endpoint: Annotated[

@@ -7,8 +7,6 @@ from mesh_motion_numerics.arrays import Integers
 from mesh_motion_numerics.mesh.cells import CELL_TYPES
 from mesh_motion_numerics.mesh.local_facets import LOCAL_FACETS
 
-__all__ = ["uncollapsed"]
-
 #: Types of cells by the numbers of nodes of their facets.
 _TYPES = {
     (2, 2, 2): "triangle",

@@ -6,8 +6,6 @@ from dataclasses import dataclass
 
 from mesh_motion_server.files.mesh_file import MeshFile
 
-__all__ = ["HEAD_BYTES", "Format"]
-
 #: Number of bytes at the beginning of a file that are searched to identify its format.
 HEAD_BYTES = 4096
 

@@ -26,8 +26,6 @@ from mesh_motion_server.files.programs.unv import UNV
 from mesh_motion_server.files.vtk.reading import VTK, VTKHDF, VTU
 from mesh_motion_server.files.xdmf import XDMF
 
-__all__ = ["FORMATS"]
-
 _MESHED = "it has no cells of a volume: mesh the space around it, for example in Gmsh: gmsh -3 -format msh41"
 _BY_GMSH = (
     "Gmsh reads it: gmsh FILE -save -format msh41 -o mesh.msh; pip install 'mesh-motion-server[mesh]' installs gmsh"

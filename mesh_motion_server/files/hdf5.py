@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 
 from mesh_motion_server.files.packages import check_unpacked, load_h5py, reason_of
 
-__all__ = ["array_of", "opened_hdf5", "whole_of"]
-
 
 @contextmanager
 def opened_hdf5(path: Path, what: str) -> Iterator[Any]:

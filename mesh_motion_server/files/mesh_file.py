@@ -17,19 +17,6 @@ from mesh_motion_protocol.flat_points import is_flat
 
 from mesh_motion_server.files.collapsed import uncollapsed
 
-__all__ = [
-    "MeshFile",
-    "all_outside",
-    "assemble",
-    "assemble_elements",
-    "by_corners",
-    "by_name",
-    "chosen_zone",
-    "concatenated",
-    "group_names",
-    "named_groups",
-]
-
 Key = TypeVar("Key")
 
 _KINDS = ("point", "curve", "surface", "volume")

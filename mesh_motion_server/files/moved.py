@@ -20,8 +20,6 @@ from mesh_motion_protocol.errors import InvalidInput
 from mesh_motion_server.files.packages import load_h5py
 from mesh_motion_server.files.replace import replaced_by_name, replacing
 
-__all__ = ["Place", "companions", "copied_hdf5", "edit", "edit_lines", "move_rows", "replaced"]
-
 _NUMBER = re.compile(rb"[^\s,()]+")
 #: Characters that have a meaning in XDMF or EnSight's case files, or that no text in UTF-8 has.
 _NO_NAME = re.compile(r"[\x00-\x1f\x7f\ud800-\udfff&<>:*?\"]")

@@ -20,8 +20,6 @@ from mesh_motion_server.files.mesh_file import MeshFile
 from mesh_motion_server.files.packages import check_unpacked, reason_of
 from mesh_motion_server.files.replace import replacing
 
-__all__ = ["NPZ", "read_archive", "read_npz", "read_points", "write_npz"]
-
 _T = TypeVar("_T", bound=np.generic)
 #: Errors of damaged archives. RuntimeError: encrypted; MemoryError, OverflowError: a header with more rows than fit in
 #: memory.

@@ -7,8 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 from mesh_motion_numerics.arrays import Integers
 
-__all__ = ["NumberedRows"]
-
 
 @dataclass(frozen=True, eq=False)
 class NumberedRows:

@@ -6,8 +6,6 @@ from typing import Any
 
 from mesh_motion_protocol.errors import InvalidInput
 
-__all__ = ["check_unpacked", "load_h5py", "most_unpacked", "reason_of"]
-
 #: Bytes that a packed file may always unpack to, and the factor of its own size that it may unpack to. Packed meshes
 #: unpack to 1.5 to 40 times their size; a file of zeros that is made to fill the memory, to 1000 times.
 _UNPACKED_BYTES = 1 << 30

@@ -18,8 +18,6 @@ from mesh_motion_protocol.errors import InvalidInput
 from mesh_motion_server.files.mesh_file import MeshFile
 from mesh_motion_server.files.writer import write_mesh
 
-__all__ = ["partitions", "write_partitions"]
-
 
 def partitions(mesh: MeshFile, count: int) -> Iterator[MeshFile]:
     """Cut a mesh into ``count`` partitions, which are made one after the other.

@@ -12,8 +12,6 @@ from mesh_motion_server.files.formats import FORMATS
 from mesh_motion_server.files.mesh_file import MeshFile
 from mesh_motion_server.files.openfoam.polymesh import OPENFOAM
 
-__all__ = ["SUFFIXES", "format_of", "is_mesh", "read_mesh"]
-
 SUFFIXES = tuple(dict.fromkeys(suffix for one in FORMATS if one.read for suffix in one.suffixes))
 
 

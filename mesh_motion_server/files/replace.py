@@ -8,8 +8,6 @@ from typing import BinaryIO
 
 from mesh_motion_protocol.errors import InvalidInput, ResourceExhausted
 
-__all__ = ["replaced_by_name", "replacing", "require_file_place", "require_folder_place"]
-
 
 def require_file_place(path: Path) -> None:
     """Check before any work that a file can be written at this path.

@@ -7,8 +7,6 @@ import numpy as np
 from mesh_motion_numerics.arrays import Integers
 from mesh_motion_numerics.mesh.cells import CELL_TYPES
 
-__all__ = ["ABAQUS", "BEAMS", "CGNS", "EXODUS", "PLANES", "SHELLS", "SOLIDS", "Sides", "side_nodes"]
-
 #: Our type of elements with this number of nodes, of first and second order.
 SOLIDS = {4: "tetra", 10: "tetra", 8: "hexahedron", 20: "hexahedron", 27: "hexahedron", 6: "wedge", 15: "wedge",
           5: "pyramid", 13: "pyramid"}  # fmt: skip

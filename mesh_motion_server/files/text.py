@@ -6,8 +6,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-__all__ = ["integer", "number_array", "real", "text_of"]
-
 
 def text_of(data: bytes) -> str:
     """UTF-8; lines that are not are in the Western alphabet of Windows: two names never become one."""

@@ -14,8 +14,6 @@ from mesh_motion_server.files.replace import require_file_place, require_folder_
 from mesh_motion_server.files.vtk.reading import PATCH_PREFIX
 from mesh_motion_server.files.vtk.vtu import write_vtu
 
-__all__ = ["check_target", "patch_marks", "write_mesh"]
-
 
 def check_target(path: Path, source: Path | None = None) -> Format | None:
     """Check before any work that a mesh can be written there.

@@ -13,8 +13,6 @@ from mesh_motion_protocol.errors import ResourceExhausted
 
 from mesh_motion_server.operation.room import DiskRoom, disk_room
 
-__all__ = ["SILENT_SECONDS", "DiskWatch"]
-
 #: A disk that has not answered for this long, seconds, gets no further requests, because they would block. Disks that
 #: wake up, and mounts that fail over, take some seconds.
 SILENT_SECONDS = 5.0

@@ -21,8 +21,6 @@ from mesh_motion_server.operation.metrics import METRICS, PREFIX
 from mesh_motion_server.operation.metrics import Metric as Line
 from mesh_motion_server.operation.tally import Tally
 
-__all__ = ["CONTENT_TYPE", "exposition"]
-
 CONTENT_TYPE = "text/plain; version=0.0.4; charset=utf-8"
 
 

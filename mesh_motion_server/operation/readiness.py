@@ -7,8 +7,6 @@ from dataclasses import dataclass
 from mesh_motion_server.operation.disk_watch import SILENT_SECONDS
 from mesh_motion_server.operation.room import DiskRoom
 
-__all__ = ["Readiness"]
-
 
 @dataclass(frozen=True)
 class Readiness:

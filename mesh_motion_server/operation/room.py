@@ -13,8 +13,6 @@ from pathlib import Path
 
 from mesh_motion_server.absence import is_missing
 
-__all__ = ["DiskRoom", "available_memory", "disk_room", "resident_bytes"]
-
 _PROC = Path("/proc")
 _CGROUPS = Path("/sys/fs/cgroup")
 

@@ -7,8 +7,6 @@ import socket
 from collections.abc import MutableMapping
 from contextlib import suppress
 
-__all__ = ["ServiceManager"]
-
 
 class ServiceManager:
     """The line to the service manager.

@@ -16,8 +16,6 @@ from typing import Any
 
 from mesh_motion_server.operation.metrics import METRICS
 
-__all__ = ["TALLY", "Tally"]
-
 
 class Tally:
     """Counters by name and label, and histograms by name.

@@ -29,8 +29,6 @@ from mesh_motion_protocol.key_files import KeyFileError, checked_key, checked_na
 from mesh_motion_server.security.authorisation import ROLES, Role
 from mesh_motion_server.toml import read_toml
 
-__all__ = ["Access", "AllowList", "Entry", "Everybody", "read_entries", "write_entries"]
-
 _LOG = logging.getLogger(__name__)
 #: Two writes within one tick of the clock have the same stat: files younger than this are read again.
 _SETTLED_NANOSECONDS = 50_000_000

@@ -12,8 +12,6 @@ from enum import Enum, StrEnum
 
 from mesh_motion_protocol.errors import SessionError
 
-__all__ = ["MATRIX", "NO_SESSION", "ROLES", "Role", "Verdict", "decide", "not_found", "refusal"]
-
 
 class Role(StrEnum):
     """The purpose of a key."""

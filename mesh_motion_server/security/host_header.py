@@ -2,8 +2,6 @@
 
 import ipaddress
 
-__all__ = ["is_allowed_host"]
-
 
 def is_allowed_host(host: str, *, insecure: bool) -> bool:
     """Whether a Host header names this server, independent of any name service.

@@ -24,17 +24,6 @@ from mesh_motion_server.absence import is_missing
 from mesh_motion_server.security.allow_list import Entry, read_entries, write_entries
 from mesh_motion_server.security.authorisation import ROLES, Role
 
-__all__ = [
-    "ALLOW_LIST",
-    "SERVER",
-    "admit",
-    "make_client_keys",
-    "make_server_keys",
-    "read_list",
-    "require_curve",
-    "revoke",
-]
-
 #: Name of the server's own keys.
 SERVER = "server"
 ALLOW_LIST = "allow.toml"

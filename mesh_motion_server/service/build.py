@@ -12,8 +12,6 @@ from mesh_motion_server.service.reports import mesh_report, summary_report
 from mesh_motion_server.session.session import Session
 from mesh_motion_server.session.state import Operation
 
-__all__ = ["check", "run"]
-
 
 def check(session: Session, request: Build) -> Build:
     """Check that the state allows it."""

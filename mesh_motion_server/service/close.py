@@ -8,8 +8,6 @@ from mesh_motion_protocol.messages import Close, Closed
 from mesh_motion_server.session.session import Session
 from mesh_motion_server.session.state import Operation
 
-__all__ = ["OUTCOMES", "answer"]
-
 #: "keep" leaves the session durable and resumable, "discard" deletes it.
 OUTCOMES = ("keep", "discard")
 

@@ -12,8 +12,6 @@ from mesh_motion_protocol.messages import Message, SessionMessage
 from mesh_motion_server.session.journal.replies import RequestId
 from mesh_motion_server.session.session import Session
 
-__all__ = ["Collective", "Single", "id_of"]
-
 
 @dataclass(frozen=True)
 class Single:

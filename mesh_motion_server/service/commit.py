@@ -18,8 +18,6 @@ from mesh_motion_server.session.session import Session
 from mesh_motion_server.session.state import Operation, State
 from mesh_motion_server.session.values import CommitOutcome
 
-__all__ = ["check", "replies_of", "run"]
-
 
 def check(session: Session, request: CommitRequest) -> CommitRequest:
     """Check the step, then the state: a repeated step and a missing trial give different errors."""

@@ -11,8 +11,6 @@ from mesh_motion_protocol.messages import Correct, Corrected
 from mesh_motion_server.session.session import Session
 from mesh_motion_server.session.state import Operation
 
-__all__ = ["check", "run"]
-
 
 def check(session: Session, request: Correct) -> tuple[Correct, Region]:
     """Check the step and the state, and that the session's cells are with the client.

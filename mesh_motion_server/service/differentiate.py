@@ -15,8 +15,6 @@ from mesh_motion_server.session.field_slope import FieldCotangent
 from mesh_motion_server.session.session import Session
 from mesh_motion_server.session.state import Operation
 
-__all__ = ["check_cotangent", "check_tangent", "cotangent", "tangent"]
-
 
 def check_tangent(session: Session, request: Tangent) -> Tangent:
     """Check state, method, shape and finiteness of one partition's velocities.

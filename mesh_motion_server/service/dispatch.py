@@ -35,8 +35,6 @@ from mesh_motion_server.session.state import Operation, State
 from mesh_motion_server.session.store import SessionStore
 from mesh_motion_server.settings import ServerSettings, check_durability, check_evaluation
 
-__all__ = ["Envelope", "SessionHost", "SessionSpec"]
-
 
 class SessionHost:
     """One session and the requests made to it.

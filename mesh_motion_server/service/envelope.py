@@ -8,8 +8,6 @@ from typing import Any
 
 from mesh_motion_protocol.messages import Message
 
-__all__ = ["Envelope"]
-
 
 @dataclass(frozen=True)
 class Envelope:

@@ -8,8 +8,6 @@ from typing import Any
 from mesh_motion_protocol.errors import MeshMotionError, ProtocolError, brief, brief_details, error_code
 from mesh_motion_protocol.messages import ErrorReply, Message
 
-__all__ = ["error_reply"]
-
 
 def error_reply(
     request: Message | ProtocolError,

@@ -21,8 +21,6 @@ from mesh_motion_server.session.journal.replies import ReplyTable
 from mesh_motion_server.session.session import Session
 from mesh_motion_server.settings import ServerSettings
 
-__all__ = ["COMMANDS", "Execution"]
-
 #: Request type → command. JOIN, STATUS and CLOSE need more than the session; :mod:`.dispatch` handles them.
 COMMANDS: dict[str, Single | Collective] = {
     "UPLOAD": Single(upload.answer, executes_once=True),

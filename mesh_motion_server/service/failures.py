@@ -12,8 +12,6 @@ from mesh_motion_server.service.error_replies import error_reply
 from mesh_motion_server.service.reports import worst_places
 from mesh_motion_server.session.session import Session
 
-__all__ = ["failure_reply", "known_error"]
-
 _LOG = logging.getLogger(__name__)
 
 

@@ -9,8 +9,6 @@ from mesh_motion_server.service.move import FRAMES
 from mesh_motion_server.session.session import Session
 from mesh_motion_server.session.state import Operation
 
-__all__ = ["answer"]
-
 
 def answer(session: Session, request: Fetch) -> Fetched:
     """Reply with committed or reference coordinates, in the order of the partition's upload.

@@ -11,8 +11,6 @@ from mesh_motion_protocol.messages import Cotangent, Move, SessionMessage, Tange
 
 from mesh_motion_server.session.journal.replies import RequestId
 
-__all__ = ["Arrival", "Gathering", "agreement"]
-
 _COMMON = ("step", "frame", "time", "questions", "what")
 
 

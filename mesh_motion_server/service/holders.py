@@ -8,8 +8,6 @@ from mesh_motion_protocol.messages import SessionMessage
 from mesh_motion_server.security.authorisation import not_found
 from mesh_motion_server.session.session import Session
 
-__all__ = ["Holders"]
-
 
 class Holders:
     """The peers that joined."""

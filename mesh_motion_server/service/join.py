@@ -12,9 +12,6 @@ from mesh_motion_protocol.messages import Join, Joined
 from mesh_motion_server.security.authorisation import not_found
 from mesh_motion_server.session.session import Session
 
-__all__ = ["answer"]
-
-
 #: Space in the header of JOINED (``max_container_items``, ``max_header_bytes``).
 _MOST_PATCHES, _MOST_NAME_BYTES = 256, 1 << 15
 

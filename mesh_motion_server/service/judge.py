@@ -18,8 +18,6 @@ from mesh_motion_server.service.reports import (
 from mesh_motion_server.session.session import Session
 from mesh_motion_server.session.state import Operation
 
-__all__ = ["check", "run"]
-
 
 def check(session: Session, request: Judge) -> tuple[Judge, RankReport]:
     """Check the step and the state, and that the session's cells are with the client.

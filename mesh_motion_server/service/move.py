@@ -26,8 +26,6 @@ from mesh_motion_server.session.session import Session
 from mesh_motion_server.session.state import Operation
 from mesh_motion_server.session.values import MoveOutcome, VelocityAsked
 
-__all__ = ["FRAMES", "check", "of_all", "run"]
-
 #: Displacements count from the committed state, or from the reference mesh.
 FRAMES = ("committed", "reference")
 _WITH_HEADROOM = ("faces", "headroom")

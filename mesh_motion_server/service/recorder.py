@@ -23,8 +23,6 @@ from mesh_motion_server.session.replay import maker
 from mesh_motion_server.session.session import Session
 from mesh_motion_server.session.state import State
 
-__all__ = ["Recorder"]
-
 #: Steps of a headroom that is left out, since it takes more.
 _BEYOND = 100.0
 #: Name of the operation in the metrics, by the type of its reply.

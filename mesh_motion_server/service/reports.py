@@ -19,18 +19,6 @@ if TYPE_CHECKING:
     from mesh_motion_numerics.quality.headroom import Headroom
     from mesh_motion_numerics.quality.quality_summary import Judgement
 
-__all__ = [
-    "correction_report",
-    "faces_report",
-    "headroom_report",
-    "mesh_report",
-    "move_quality",
-    "quality_frame",
-    "region_correction_report",
-    "summary_report",
-    "worst_places",
-]
-
 #: Longest list of warnings or patches in a reply: the header holds at most 256 items each.
 _LONGEST = 100
 

@@ -9,8 +9,6 @@ from mesh_motion_protocol.messages import Rollback, RolledBack
 from mesh_motion_server.session.session import Session
 from mesh_motion_server.session.state import Operation
 
-__all__ = ["check", "run"]
-
 
 def check(session: Session, request: Rollback) -> Rollback:
     """Check state and step."""

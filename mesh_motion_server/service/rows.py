@@ -6,8 +6,6 @@ import numpy as np
 from mesh_motion_numerics.arrays import Floats, Integers
 from mesh_motion_protocol.errors import InvalidInput
 
-__all__ = ["check_values"]
-
 #: Limit of a velocity or a weight: numbers that mark a missing value, such as 1e300, are larger, and their products
 #: overflow.
 _LARGEST = 1e75

@@ -11,8 +11,6 @@ from mesh_motion_protocol.messages import Status, StatusReport
 from mesh_motion_server.session.session import Session
 from mesh_motion_server.session.state import Operation
 
-__all__ = ["answer", "without_places"]
-
 
 def answer(session: Session, request: Status, waiting_for: list[int], counts: dict[str, int]) -> StatusReport:
     """State, step, iteration and a report.

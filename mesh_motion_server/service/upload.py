@@ -9,8 +9,6 @@ from mesh_motion_protocol.messages import Upload, Uploaded
 from mesh_motion_server.session.partitions.uploads import Part
 from mesh_motion_server.session.session import Session
 
-__all__ = ["answer"]
-
 
 def answer(session: Session, request: Upload) -> Uploaded:
     """Append the part.

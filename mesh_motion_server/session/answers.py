@@ -26,8 +26,6 @@ if TYPE_CHECKING:
     from mesh_motion_numerics.motion.boundary_motion import BoundaryMotion
     from mesh_motion_numerics.quality.headroom import Headroom
 
-__all__ = ["Answers"]
-
 
 class Answers(Position):
     """The part of a session whose answers change nothing.

@@ -40,8 +40,6 @@ if TYPE_CHECKING:  # imported only here: other sessions do not need it, and it i
     from mesh_motion_numerics.motion.body_paths import Way
     from mesh_motion_numerics.motion.boundary_motion import BoundaryMotion
 
-__all__ = ["CorrectOutcome", "CorrectedRegion", "correct", "first_extent", "is_good"]
-
 #: Number of rings around the bad cells that the ranks send first: most corrections free fewer.
 _FIRST_RINGS = 2
 #: With more rings than this, the ranks send all cells.

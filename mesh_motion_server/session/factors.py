@@ -4,8 +4,6 @@ from collections import Counter, OrderedDict
 from collections.abc import Callable
 from typing import Protocol, TypeVar, cast
 
-__all__ = ["FactorCache"]
-
 
 class _Sized(Protocol):
     @property

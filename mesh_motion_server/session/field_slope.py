@@ -30,8 +30,6 @@ if TYPE_CHECKING:  # imported only here: other sessions do not need it, and it i
     from mesh_motion_server.session.corrections import CorrectedRegion
     from mesh_motion_server.session.partitions.regions import MergedRegion
 
-__all__ = ["FieldCotangent", "FieldSlope", "FieldTangent"]
-
 
 @dataclass(frozen=True, eq=False)
 class FieldTangent:

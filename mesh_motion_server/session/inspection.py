@@ -20,8 +20,6 @@ from mesh_motion_server.session.journal.recovery import Findings
 from mesh_motion_server.session.spec import SPEC, StoredSpec, check_digest, spec_bytes
 from mesh_motion_server.session.unbuilt import UNBUILT, never_built
 
-__all__ = ["Check", "Inspection", "inspect_session", "is_session_folder"]
-
 
 @dataclass(frozen=True)
 class Check:

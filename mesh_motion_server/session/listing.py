@@ -22,8 +22,6 @@ from mesh_motion_server.session.journal.mesh_store import MESH, verifies
 from mesh_motion_server.session.spec import MOST_SPEC_BYTES, SPEC, StoredSpec, check_digest
 from mesh_motion_server.session.state import State
 
-__all__ = ["UNREADABLE", "Listing", "Remembered", "StoredSession"]
-
 UNREADABLE = "UNREADABLE"
 """State of a session in lists if the system does not give its files: nothing is known to be lost."""
 

@@ -21,16 +21,6 @@ if TYPE_CHECKING:
     from mesh_motion_numerics.quality.headroom import Headroom
     from mesh_motion_numerics.quality.quality_summary import Judgement
 
-__all__ = [
-    "Model",
-    "ModelBuilder",
-    "Slope",
-    "build_motion_model",
-    "checked_model",
-    "checked_warnings",
-    "model_of",
-]
-
 
 class Slope(Protocol):
     """The part of :class:`mesh_motion_numerics.motion.motion_slope.MotionSlope` that a session uses."""

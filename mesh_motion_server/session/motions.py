@@ -20,8 +20,6 @@ from mesh_motion_server.session.state import MoveInput
 if TYPE_CHECKING:
     from mesh_motion_numerics.motion.motion_found import Motion
 
-__all__ = ["Computed", "compute"]
-
 
 @dataclass(frozen=True, eq=False)
 class Computed:

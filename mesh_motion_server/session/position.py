@@ -17,9 +17,6 @@ from mesh_motion_server.session.spec import StoredSpec
 from mesh_motion_server.session.state import CommittedState, Operation, State, Trial, admit
 from mesh_motion_server.session.values import Built, CurrentState
 
-__all__ = ["WRITING", "Position"]
-
-
 WRITING = (State.READY, State.TRIAL, State.SUSPENDED)
 """States that become FROZEN when the disk fails in the background."""
 _STEPS = 1e-30, 1e30

@@ -32,8 +32,6 @@ from mesh_motion_server.session.partitions.meshes import MergedMesh
 from mesh_motion_server.session.spec import StoredSpec
 from mesh_motion_server.session.state import CommittedState, MoveInput, Trial, durable_rows, state_after
 
-__all__ = ["Progress", "boundary_input", "maker", "recompute", "restore", "silent"]
-
 Progress = Callable[[int], None]
 #: States whose recomputation took longer than this are stored, seconds.
 _LONG_SECONDS = 10.0

@@ -53,8 +53,6 @@ from mesh_motion_server.session.store import SessionFolder
 from mesh_motion_server.session.values import Built, CommitOutcome, CurrentState, MoveOutcome, VelocityAsked, Verdict
 from mesh_motion_server.settings import ServerSettings
 
-__all__ = ["Session"]
-
 
 class Session(Answers):
     """A session and its folder.

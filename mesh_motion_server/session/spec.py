@@ -14,8 +14,6 @@ from mesh_motion_protocol.errors import DataLoss, InvalidInput
 from mesh_motion_server.session.journal.filesystem import PosixFileSystem, read_whole, unreadable
 from mesh_motion_server.settings import MethodSettings
 
-__all__ = ["MOST_SPEC_BYTES", "SPEC", "SessionSpec", "StoredSpec", "check_digest", "spec_bytes"]
-
 SPEC = "spec.json"
 """The file in a session's folder with the values that OPEN fixed."""
 

@@ -29,19 +29,6 @@ if TYPE_CHECKING:
 
     from mesh_motion_server.session.partitions.meshes import MergedMesh
 
-__all__ = [
-    "TABLE",
-    "CommittedState",
-    "MoveInput",
-    "Operation",
-    "Refusal",
-    "State",
-    "Trial",
-    "admit",
-    "durable_rows",
-    "state_after",
-]
-
 
 class State(StrEnum):
     """The states of a session."""

@@ -48,7 +48,6 @@ from mesh_motion_server.session.partitions.meshes import PartitionMesh
 from mesh_motion_server.session.spec import MOST_SPEC_BYTES, SPEC, SessionSpec, StoredSpec, check_digest
 from mesh_motion_server.session.unbuilt import UNBUILT, mark_built, never_built
 
-__all__ = ["SessionFolder", "SessionStore", "StoredSession"]
 _LOCK = "lock"
 _disk_error = partial(disk_failure, ResourceExhausted)
 #: A mesh with at least this many bytes of coordinates is written in a thread.

@@ -7,8 +7,6 @@ from mesh_motion_server.session.history.events import FOLDER
 from mesh_motion_server.session.journal.files import MANIFEST, NEXT_MANIFEST, SLOTS
 from mesh_motion_server.session.journal.filesystem import FileSystem, reading
 
-__all__ = ["UNBUILT", "mark_built", "never_built"]
-
 UNBUILT = "unbuilt"
 """An empty file in a session's folder from OPEN until BUILD is durable."""
 

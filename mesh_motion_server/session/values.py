@@ -27,8 +27,6 @@ if TYPE_CHECKING:
     from mesh_motion_numerics.motion.motion_found import Motion
     from mesh_motion_numerics.quality.quality_summary import Judgement, QualitySummary
 
-__all__ = ["Built", "CommitOutcome", "CurrentState", "MoveOutcome", "VelocityAsked", "Verdict"]
-
 
 @dataclass(frozen=True)
 class CurrentState:

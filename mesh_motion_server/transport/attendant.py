@@ -11,8 +11,6 @@ from mesh_motion_server.transport.endpoints import Endpoint, EndpointError
 from mesh_motion_server.transport.processes import Attempts, Child, spawn
 from mesh_motion_server.transport.telemetry import log
 
-__all__ = ["Attendant"]
-
 #: A process that fails more often than this in an hour has a cause that a restart does not remove.
 _STARTS = 20
 #: Seconds within which the process must import its modules and bind.

@@ -17,8 +17,6 @@ from mesh_motion_server.security.allow_list import AllowList
 from mesh_motion_server.transport.protection import HANDLER
 from mesh_motion_server.transport.telemetry import log
 
-__all__ = ["Authenticator"]
-
 _ALLOWED, _TEMPORARY, _REFUSED = b"200", b"300", b"400"
 #: Frames of a request after the empty delimiter: version, id, domain, address, routing id, mechanism, key.
 _FRAMES = 7

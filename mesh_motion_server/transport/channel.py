@@ -16,8 +16,6 @@ from typing import Any
 
 import msgpack
 
-__all__ = ["Channel", "Outbox"]
-
 #: Largest message: a header of the protocol with an address and a little more.
 _MESSAGE_BYTES = 128 * 1024
 #: Seconds that a child waits for a supervisor that does not read; longer than any work of the supervisor takes.

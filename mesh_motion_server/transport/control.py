@@ -28,8 +28,6 @@ from mesh_motion_server.transport.registry import Asked, Live, Registry, Request
 from mesh_motion_server.transport.replies import encoded
 from mesh_motion_server.transport.telemetry import log
 
-__all__ = ["Control"]
-
 #: A worker must import, read its journal and factorize within this time, seconds; it gets the same time again for each
 #: step that it recomputes.
 _START_SECONDS = 600.0

@@ -18,8 +18,6 @@ import zmq
 from mesh_motion_protocol.errors import MeshMotionError
 from mesh_motion_protocol.ipc_paths import PATH_BYTES
 
-__all__ = ["Endpoint", "EndpointError", "bind", "bind_first", "connection_event", "lock_folder", "router"]
-
 #: Longest name of a worker's socket in the folder of a control endpoint.
 _WORKER_NAME = "/w4194304.ipc"
 _WORKER_FILES = "w[0-9]*.ipc"

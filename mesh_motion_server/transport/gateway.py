@@ -36,8 +36,6 @@ from mesh_motion_server.transport.replies import encoded, undecodable, unexpecte
 from mesh_motion_server.transport.self_test import ProtectionError, check_admits, check_refuses
 from mesh_motion_server.transport.telemetry import configure, log, log_suppressed
 
-__all__ = ["Gateway", "main"]
-
 #: Bytes beyond what Python and zmq map: queues of headers.
 _MEMORY = 512 << 20
 #: Memory beyond that of the start that the C library may keep.

@@ -17,8 +17,6 @@ from mesh_motion_server.transport.processes import Attempts, Child
 from mesh_motion_server.transport.self_test import ProtectionError
 from mesh_motion_server.transport.telemetry import log
 
-__all__ = ["GatewayLine"]
-
 #: More failed starts than this in an hour have a cause that one more start does not remove. A gateway that listened and
 #: then failed does not count: the sessions work without it, and a client that makes it fail must not end them.
 _STARTS = 20

@@ -4,8 +4,6 @@ import time
 from collections import deque
 from collections.abc import Callable
 
-__all__ = ["LateReplies"]
-
 #: Longer than a lookup of a session takes.
 _SECONDS = 0.05
 #: A wait for sockets ends up to a millisecond late, counted from its start, so the time of the reply would show how

@@ -13,8 +13,6 @@ import select
 import stat
 from typing import TextIO
 
-__all__ = ["Unfailing"]
-
 #: A pipe that is ready for writing accepts this many bytes without blocking (POSIX: PIPE_BUF).
 _PIECE = select.PIPE_BUF
 #: Wait this long for a slow reader; after one wait without success, do not wait again until the reader reads.

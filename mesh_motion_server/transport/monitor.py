@@ -20,8 +20,6 @@ from mesh_motion_server.transport.channel import Channel
 from mesh_motion_server.transport.processes import limit_address_space, limit_descriptors
 from mesh_motion_server.transport.telemetry import configure, log
 
-__all__ = ["Pages", "main"]
-
 #: Bytes beyond what Python maps.
 _MEMORY = 256 << 20
 #: More than the connections below and the process' own files, so accepting a connection does not fail.

@@ -12,8 +12,6 @@ from mesh_motion_server.operation.room import available_memory
 from mesh_motion_server.settings import MethodSettings, ServerSettings, check_durability, check_evaluation
 from mesh_motion_server.transport.registry import Live, Registry
 
-__all__ = ["check_open", "check_place", "check_room", "gives_way"]
-
 _NO_PLACE = "RESOURCE_EXHAUSTED.SESSIONS"
 
 

@@ -27,22 +27,6 @@ from mesh_motion_server.failpoints import failpoint
 from mesh_motion_server.operation.tally import TALLY
 from mesh_motion_server.transport.channel import Channel
 
-__all__ = [
-    "Attempts",
-    "Child",
-    "adopt_orphans",
-    "fork",
-    "fork_from_template",
-    "limit_address_space",
-    "limit_descriptors",
-    "name_process",
-    "offer_to_the_oom_killer",
-    "repeatable_libraries",
-    "spawn",
-    "use_repeatable_libraries",
-    "wake_on_signals",
-]
-
 #: Constants of Linux' sys/prctl.h and of glibc's malloc.h, for which Python has no names.
 _PR_SET_PDEATHSIG = 1
 _PR_SET_NAME = 15

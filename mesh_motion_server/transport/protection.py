@@ -27,15 +27,6 @@ from mesh_motion_server.security.authorisation import Verdict, decide, refusal
 from mesh_motion_server.security.key_folder import ALLOW_LIST, SERVER, read_list, require_curve
 from mesh_motion_server.transport.endpoints import EndpointError
 
-__all__ = [
-    "HANDLER",
-    "Protection",
-    "Rights",
-    "forward_handshakes",
-    "keep_secrets_out_of_core_files",
-    "user_of",
-]
-
 #: The address that libzmq asks, in every context.
 HANDLER = "inproc://zeromq.zap.01"
 #: Bytes that CURVE adds to a frame: command name, nonce, authenticator, flags.

@@ -21,8 +21,6 @@ from mesh_motion_server.session.listing import StoredSession
 from mesh_motion_server.session.store import SessionStore
 from mesh_motion_server.transport.processes import Child
 
-__all__ = ["Asked", "Live", "Registry", "RequestBook", "fit"]
-
 #: Number of control requests of a user whose replies are kept.
 _REMEMBERED = 1024
 #: Number of sessions with a failed worker that are kept.

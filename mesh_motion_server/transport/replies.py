@@ -11,8 +11,6 @@ from mesh_motion_protocol.messages import ErrorReply, Message
 from mesh_motion_server.service.error_replies import error_reply
 from mesh_motion_server.transport.telemetry import log
 
-__all__ = ["encoded", "undecodable", "unexpected"]
-
 
 def undecodable(error: ProtocolError, *, state: str = "") -> ErrorReply:
     """Return the reply to frames that are not a valid message."""

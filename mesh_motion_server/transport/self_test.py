@@ -11,8 +11,6 @@ import zmq
 from mesh_motion_server.transport.endpoints import EndpointError, connection_event
 from mesh_motion_server.transport.protection import Protection
 
-__all__ = ["ProtectionError", "check_admits", "check_refuses"]
-
 #: Longest wait for the result of one handshake.
 _SECONDS = 5.0
 _SUCCEEDED = zmq.EVENT_HANDSHAKE_SUCCEEDED

@@ -23,8 +23,6 @@ from mesh_motion_server.transport.state_folder import StateFolder
 from mesh_motion_server.transport.supervisor import TEMPLATE, Supervisor
 from mesh_motion_server.transport.telemetry import configure, log
 
-__all__ = ["EXIT_CONFIGURATION", "EXIT_UNAVAILABLE", "LIFELINE", "serve"]
-
 #: ``EX_CONFIG`` of sysexits.h: the settings ask for something unsafe.
 EXIT_CONFIGURATION = 78
 #: ``EX_UNAVAILABLE``: the endpoint or the state folder is in use, or the disk does not give the state folder.

@@ -14,8 +14,6 @@ from mesh_motion_protocol.errors import MeshMotionError, ResourceExhausted
 from mesh_motion_server.session.journal.filesystem import PosixFileSystem, make_durable_folder
 from mesh_motion_server.transport.endpoints import EndpointError
 
-__all__ = ["StateFolder"]
-
 _LOCK = "server.lock"
 #: Errors of file systems that lock no folder.
 _NO_LOCK = {errno.ENOLCK, errno.EOPNOTSUPP, errno.EINVAL, errno.EBADF, errno.ENOSYS}

@@ -34,8 +34,6 @@ from mesh_motion_server.transport.registry import Registry
 from mesh_motion_server.transport.telemetry import log
 from mesh_motion_server.transport.watch import Watch
 
-__all__ = ["TEMPLATE", "Supervisor"]
-
 #: Module from which workers are forked. The supervisor does not import it: it loads the numerics.
 TEMPLATE = "mesh_motion_server.transport.template"
 #: Number of processes in succession that end before their first message: then their imports are broken.

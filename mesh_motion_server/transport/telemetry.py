@@ -21,8 +21,6 @@ from typing import Any
 from mesh_motion_server.transport.log_stream import Unfailing
 from mesh_motion_server.transport.processes import name_process
 
-__all__ = ["configure", "log", "log_suppressed", "name_session"]
-
 #: Lines of one event in a burst, and then per second.
 _BURST = 100.0
 _RATE = 1.0

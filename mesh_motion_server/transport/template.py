@@ -45,8 +45,6 @@ from mesh_motion_server.transport.worker import Worker
 if TYPE_CHECKING:
     from mesh_motion_server.service.dispatch import SessionHost
 
-__all__ = ["Service", "main"]
-
 #: Whole messages queued per connection: the high-water mark counts messages, whatever their size.
 _QUEUED = 2
 #: Number of open files and connections: some for the journal and libraries, and one connection per partition and

@@ -22,8 +22,6 @@ from mesh_motion_server.transport.processes import Child
 from mesh_motion_server.transport.registry import Live, Registry
 from mesh_motion_server.transport.telemetry import log, log_suppressed
 
-__all__ = ["Watch"]
-
 #: Time between two beats: checks of all processes, and reports to the attendants.
 _SECONDS = 1.0
 #: Limit for the template's imports, which take one second on an idle machine.

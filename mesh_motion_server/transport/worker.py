@@ -36,8 +36,6 @@ from mesh_motion_server.transport.telemetry import log, log_suppressed
 if TYPE_CHECKING:
     from mesh_motion_server.service.dispatch import SessionHost
 
-__all__ = ["Lease", "Worker"]
-
 _DATA = REPLIES.keys() - CONTROL
 #: Counts are sent after each of these, and otherwise at this interval, seconds: a killed worker loses no more.
 _STEPS = frozenset({"BUILD", "MOVE", "COMMIT"})

@@ -13,8 +13,6 @@ from functools import cache
 import mesh_motion_kernels as kernels
 from threadpoolctl import LibController, ThreadpoolController
 
-__all__ = ["for_each_tile", "one_blas_thread"]
-
 
 @cache
 def _libraries() -> list[LibController]:

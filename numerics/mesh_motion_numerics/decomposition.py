@@ -18,18 +18,6 @@ from numpy.typing import NDArray
 
 from mesh_motion_numerics.arrays import Floats
 
-__all__ = [
-    "SVD",
-    "Eigen",
-    "deformation",
-    "determinant_signs",
-    "eigen",
-    "nearest_rotation",
-    "nearest_rotation_slope",
-    "svd",
-]
-
-
 _CANCELLED = 1e-12  # sum of two stretches, in units of the largest, below which it counts as zero
 
 

@@ -13,8 +13,6 @@ from typing import Any, TypeVar
 
 from mesh_motion_protocol.errors import InvalidInput
 
-__all__ = ["KEYS", "Key", "Method"]
-
 T = TypeVar("T")
 Needs = Mapping[str, Mapping[str, tuple[str, ...]]]
 

@@ -9,8 +9,6 @@ from dataclasses import dataclass, field
 
 from mesh_motion_protocol.errors import Timeout
 
-__all__ = ["PHASES", "Stopwatch", "check_time", "time_limit"]
-
 #: The phases, in the order in which they begin.
 PHASES = ("solve", "displace", "predict", "correct")
 

@@ -7,9 +7,6 @@ from mesh_motion_numerics.arrays import Integers, Marks
 
 from mesh_motion_server.files.cgns.tree import Node
 
-__all__ = ["Condition", "patch_name", "read_conditions"]
-
-
 _OF_FACETS = ("FaceCenter", "EdgeCenter")
 
 

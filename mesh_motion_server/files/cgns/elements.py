@@ -15,8 +15,6 @@ from mesh_motion_numerics.mesh.cells import CELL_TYPES
 
 from mesh_motion_server.files.cgns.tree import Node
 
-__all__ = ["NFACE", "NGON", "VERTEX", "Elements", "ListedElements", "read_elements"]
-
 NODE, MIXED, NGON, NFACE = 2, 20, 22, 23
 #: Our type for each CGNS type number that is read; for other numbers the CGNS name.
 TYPES = {3: "line", 5: "triangle", 7: "quad", 10: "tetra", 12: "pyramid", 14: "wedge", 17: "hexahedron"}

@@ -9,8 +9,6 @@ from mesh_motion_server.files.cgns.elements import NFACE, NGON, ListedElements
 from mesh_motion_server.files.cgns.tree import Node
 from mesh_motion_server.files.polyhedra.face_mesh import FaceMesh, from_sides
 
-__all__ = ["NumberedFaces", "join_faces"]
-
 
 @dataclass(frozen=True, eq=False)
 class NumberedFaces:

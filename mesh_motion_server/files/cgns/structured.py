@@ -20,8 +20,6 @@ from mesh_motion_server.files.mesh_file import MeshFile, assemble, concatenated
 from mesh_motion_server.files.vtk.grid import structured_cells
 from mesh_motion_server.files.vtk.pieces import PatchKey, VtkPiece, joined, renumbered
 
-__all__ = ["numbering", "read_structured"]
-
 _NAMES = {3: "line", 9: "quad", 12: "hexahedron"}
 
 

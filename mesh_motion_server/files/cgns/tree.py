@@ -19,8 +19,6 @@ from numpy.typing import NDArray
 from mesh_motion_server.files.hdf5 import opened_hdf5, whole_of
 from mesh_motion_server.files.text import text_of
 
-__all__ = ["Node", "open_cgns"]
-
 _ADF = b"\xc0\xa8\xa3\xa9ADF"  # "@(#)ADF" with high bits
 _DATA = " data"
 #: CGNS links are nodes of this type; they have the HDF5 link under this name.

@@ -31,8 +31,6 @@ from mesh_motion_server.files.sides import CGNS as SIDES
 from mesh_motion_server.files.sides import side_nodes
 from mesh_motion_server.files.vtk.pieces import PatchKey
 
-__all__ = ["CGNS", "read_cgns"]
-
 _AXES = ("CoordinateX", "CoordinateY", "CoordinateZ")
 
 

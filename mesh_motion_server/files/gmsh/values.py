@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 from mesh_motion_server.files.moved import Place
 from mesh_motion_server.files.text import integer, number_array
 
-__all__ = ["AsciiValues", "BinaryValues", "Values", "end_of"]
-
 
 def end_of(data: bytes, name: bytes, start: int) -> int:
     """The place of the end mark of a section that begins before ``start``."""

@@ -23,8 +23,6 @@ from numpy.typing import NDArray
 from mesh_motion_server.files.packages import check_unpacked, most_unpacked
 from mesh_motion_server.files.text import number_array, text_of
 
-__all__ = ["FoamFile", "dictionaries"]
-
 _T = TypeVar("_T", bound=np.generic)
 _HEADER = re.compile(rb'FoamFile\s*\{((?:"[^"]*"|[^"}])*)\}')
 _COMMENT = re.compile(rb"//[^\n]*|/\*.*?\*/", re.DOTALL)

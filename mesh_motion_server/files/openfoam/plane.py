@@ -14,8 +14,6 @@ from mesh_motion_protocol.errors import InvalidInput
 
 from mesh_motion_server.files.polyhedra.face_mesh import FaceMesh, FacePatch
 
-__all__ = ["Plane", "plane_axes", "project"]
-
 #: A component of the empty patches' normals up to this value counts as zero, as in OpenFOAM.
 _NO_COMPONENT = 1e-6
 

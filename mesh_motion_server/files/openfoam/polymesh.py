@@ -21,9 +21,6 @@ from mesh_motion_server.files.polyhedra.cells import find_cells
 from mesh_motion_server.files.polyhedra.face_mesh import FaceMesh, FacePatch
 from mesh_motion_server.files.polyhedra.pieces import divide
 
-__all__ = ["FOAM_FILE", "OPENFOAM", "read_face_mesh", "read_polymesh"]
-
-
 #: Roles of types of patches, by the beginning of their names.
 _ROLES = {"cyclic": "periodic", "symmetry": "symmetry"}
 

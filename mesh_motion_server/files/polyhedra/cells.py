@@ -14,8 +14,6 @@ from mesh_motion_numerics.mesh.local_facets import LOCAL_FACETS
 
 from mesh_motion_server.files.polyhedra.face_mesh import FaceMesh
 
-__all__ = ["FoundCells", "find_cells"]
-
 #: Number of triangles, number of quadrilaterals, number of points of the base.
 _SHAPES = {"hexahedron": (0, 6, 4), "wedge": (2, 3, 3), "pyramid": (4, 1, 4), "tetra": (4, 0, 3)}
 #: Number of cells per chunk: the comparison takes a few hundred bytes for each cell.

@@ -13,8 +13,6 @@ from mesh_motion_numerics.arrays import Floats, Integers
 from mesh_motion_protocol.errors import InvalidInput
 from numpy.typing import NDArray
 
-__all__ = ["FaceMesh", "FacePatch", "corner_normals", "from_sides"]
-
 
 @dataclass(frozen=True)
 class FacePatch:

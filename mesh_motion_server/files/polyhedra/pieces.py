@@ -18,8 +18,6 @@ from mesh_motion_protocol.errors import InvalidInput
 from mesh_motion_server.files.polyhedra.cells import FoundCells
 from mesh_motion_server.files.polyhedra.face_mesh import FaceMesh, corner_normals
 
-__all__ = ["Pieces", "divide"]
-
 _QUAD = 4  # points of a quadrilateral
 #: Depths of an inner point below a cell's faces that are tried, in sizes of the cell; number of steps for each; their
 #: length.

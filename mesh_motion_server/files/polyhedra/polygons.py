@@ -3,8 +3,6 @@
 import numpy as np
 from mesh_motion_numerics.arrays import Floats, Integers
 
-__all__ = ["polygons"]
-
 
 def polygons(points: Floats, edges: Integers, cells: Integers) -> tuple[Floats, dict[str, Integers]]:
     """Points and cells (triangles and quadrilaterals) of a 2D mesh.

@@ -18,8 +18,6 @@ from mesh_motion_server.files.moved import edit_lines, move_rows
 from mesh_motion_server.files.numbering import NumberedRows
 from mesh_motion_server.files.text import integer, real, text_of
 
-__all__ = ["ELMER"]
-
 #: Shape by the hundreds of a type; its other digits are the number of nodes: 504 is a tetrahedron, 510 one of second
 #: order.
 _SHAPES = {1: "", 2: "line", 3: "triangle", 4: "quad", 5: "tetra", 6: "pyramid", 7: "wedge", 8: "hexahedron"}

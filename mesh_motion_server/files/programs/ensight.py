@@ -26,8 +26,6 @@ from mesh_motion_server.files.text import integer, real, text_of
 from mesh_motion_server.files.vtk.grid import KNOWN_TYPES, lattice, structured_cells
 from mesh_motion_server.files.vtk.pieces import numbering
 
-__all__ = ["ENSIGHT", "ENSIGHT_GEOMETRY"]
-
 _SHAPES = {"point": "", "bar": "line", "tria": "triangle", "quad": "quad", "tetra": "tetra", "pyramid": "pyramid",
            "penta": "wedge", "hexa": "hexahedron"}  # fmt: skip
 _ELEMENTS = re.compile(r"(g_)?([a-z]+?)(\d*)")

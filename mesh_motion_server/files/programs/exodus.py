@@ -28,8 +28,6 @@ from mesh_motion_server.files.sides import BEAMS, SHELLS, Sides, side_nodes
 from mesh_motion_server.files.sides import EXODUS as SIDES
 from mesh_motion_server.files.text import text_of
 
-__all__ = ["EXODUS"]
-
 _TYPES = {"BAR": "line", "BEA": "line", "TRU": "line", "EDG": "line", "TRI": "triangle", "QUA": "quad", "SHE": "quad",
           "TET": "tetra", "HEX": "hexahedron", "WED": "wedge", "PYR": "pyramid", "SPH": "", "CIR": "",
           "POI": ""}  # fmt: skip

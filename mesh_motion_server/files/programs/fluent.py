@@ -26,8 +26,6 @@ from mesh_motion_server.files.polyhedra.pieces import divide
 from mesh_motion_server.files.polyhedra.polygons import polygons
 from mesh_motion_server.files.text import integer, number_array, text_of
 
-__all__ = ["FLUENT", "FLUENT_HDF5"]
-
 _INTERIOR = 2
 _ROLES = {7: "symmetry", 37: "symmetry", 8: "periodic", 12: "periodic"}
 _KINDS = {3: "wall", 4: "pressure-inlet", 5: "pressure-outlet", 7: "symmetry", 8: "periodic-shadow",

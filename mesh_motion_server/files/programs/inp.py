@@ -26,8 +26,6 @@ from mesh_motion_server.files.numbering import NumberedRows
 from mesh_motion_server.files.sides import ABAQUS, PLANES, SHELLS, SOLIDS, side_nodes
 from mesh_motion_server.files.text import integer, real, text_of
 
-__all__ = ["ABAQUS_INP"]
-
 #: A type's name ends with its number of nodes and letters for the integration: C3D8, C3D20R, CPS4, F3D8, STRI65.
 _LINES = {2: "line", 3: "line"}
 _FAMILIES = (

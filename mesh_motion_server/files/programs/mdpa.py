@@ -22,8 +22,6 @@ from mesh_motion_server.files.numbering import NumberedRows
 from mesh_motion_server.files.sides import PLANES, SOLIDS
 from mesh_motion_server.files.text import integer, real, text_of
 
-__all__ = ["KRATOS"]
-
 _SIZE = re.compile(r"(\d)D(\d+)(N|$)")
 _SOLIDS, _PLANES = SOLIDS | {3: "triangle", 2: "line"}, PLANES | {2: "line"}
 #: Names of geometries, and of elements that are no volumes although their nodes are in space.

@@ -24,8 +24,6 @@ from mesh_motion_server.files.mesh_file import MeshFile, assemble_elements, by_n
 from mesh_motion_server.files.moved import copied_hdf5
 from mesh_motion_server.files.text import text_of
 
-__all__ = ["MED"]
-
 #: Our type and the number of nodes for MED's types; types of higher order have their corners first.
 _TYPES = {
     "PO1": ("", 1), "SE2": ("line", 2), "SE3": ("line", 3), "TR3": ("triangle", 3), "TR6": ("triangle", 6),

@@ -24,8 +24,6 @@ from mesh_motion_server.files.mesh_file import MeshFile, assemble_elements, by_n
 from mesh_motion_server.files.moved import Place, edit, replaced
 from mesh_motion_server.files.text import integer, number_array
 
-__all__ = ["MEDIT"]
-
 #: Our type, and the number of nodes, by keyword. Elements of second order have their corners first.
 _ELEMENTS = {
     "Edges": ("line", 2), "Triangles": ("triangle", 3), "Quadrilaterals": ("quad", 4), "Tetrahedra": ("tetra", 4),

@@ -22,8 +22,6 @@ from mesh_motion_server.files.mesh_file import MeshFile, assemble_elements, by_c
 from mesh_motion_server.files.moved import Place, edit, replaced
 from mesh_motion_server.files.text import integer, number_array, text_of
 
-__all__ = ["MFEM"]
-
 _TYPES = {0: "", 1: "line", 2: "triangle", 3: "quad", 4: "tetra", 5: "hexahedron", 6: "wedge", 7: "pyramid"}
 _EDGES: dict[str, list[tuple[int, ...]]] = {
     "line": [(0, 1)],

@@ -24,8 +24,6 @@ from mesh_motion_server.files.moved import edit_lines
 from mesh_motion_server.files.numbering import NumberedRows
 from mesh_motion_server.files.text import integer, real, text_of
 
-__all__ = ["NASTRAN"]
-
 #: Our type, and the largest number of nodes; those between the corners may be left out.
 _ELEMENTS = {
     "CTETRA": ("tetra", 10), "CPYRAM": ("pyramid", 13), "CPYRA": ("pyramid", 13), "CPENTA": ("wedge", 15),

@@ -17,8 +17,6 @@ from mesh_motion_server.files.moved import edit_lines, move_rows
 from mesh_motion_server.files.sides import PLANES, SOLIDS
 from mesh_motion_server.files.text import integer, real, text_of
 
-__all__ = ["NETGEN"]
-
 #: The sections that are used.
 _SECTIONS = {
     "surfaceelements", "surfaceelementsgi", "surfaceelementsuv", "volumeelements", "edgesegmentsgi2",

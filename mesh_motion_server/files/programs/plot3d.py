@@ -26,8 +26,6 @@ from mesh_motion_server.files.text import number_array
 from mesh_motion_server.files.vtk.grid import structured_cells
 from mesh_motion_server.files.vtk.pieces import PatchKey, VtkPiece, renumbered
 
-__all__ = ["PLOT3D"]
-
 _NAMES = {3: "line", 9: "quad", 12: "hexahedron"}
 #: Files with more blocks are another kind of file, read as numbers.
 _MOST_BLOCKS = 100_000

@@ -26,8 +26,6 @@ from mesh_motion_server.files.mesh_file import MeshFile, assemble, chosen_zone
 from mesh_motion_server.files.moved import edit_lines, move_rows
 from mesh_motion_server.files.text import integer, text_of
 
-__all__ = ["SU2", "read_su2"]
-
 #: Name and number of nodes of each SU2 type number (the same as in VTK); a marker may also have vertices.
 _CELLS = {cell_type.vtk: (cell_type.name, cell_type.n_nodes) for cell_type in CELL_TYPES.values()}
 _FACETS = {1: ("", 1), **_CELLS}

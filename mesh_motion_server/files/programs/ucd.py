@@ -18,8 +18,6 @@ from mesh_motion_server.files.moved import edit_lines, move_rows
 from mesh_motion_server.files.numbering import NumberedRows
 from mesh_motion_server.files.text import integer, text_of
 
-__all__ = ["UCD"]
-
 #: Our type, and the order of its corners: a pyramid begins with its tip.
 _TYPES = {
     "line": ("line", [0, 1]), "tri": ("triangle", [0, 1, 2]), "quad": ("quad", [0, 1, 2, 3]),

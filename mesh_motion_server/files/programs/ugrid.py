@@ -22,8 +22,6 @@ from mesh_motion_server.files.mesh_file import MeshFile, assemble, concatenated
 from mesh_motion_server.files.moved import Place, edit, replaced
 from mesh_motion_server.files.text import integer, number_array, text_of
 
-__all__ = ["UGRID"]
-
 #: Faces, then cells, in the order of the file: our type and the order of its corners.
 _FACES = (("triangle", [0, 1, 2]), ("quad", [0, 1, 2, 3]))
 _CELLS = (

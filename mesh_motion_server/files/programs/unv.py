@@ -21,8 +21,6 @@ from mesh_motion_server.files.moved import edit_lines
 from mesh_motion_server.files.numbering import NumberedRows
 from mesh_motion_server.files.text import integer, real, text_of
 
-__all__ = ["UNV"]
-
 #: Nodes of each dataset: number of lines per node.
 _NODE_LINES = {15: 1, 781: 2, 2411: 2}
 #: Elements: number of numbers in the first line.

@@ -9,8 +9,6 @@ import numpy as np
 from mesh_motion_numerics.arrays import Floats, Integers, Marks
 from numpy.typing import NDArray
 
-__all__ = ["KNOWN_TYPES", "POLYGON", "POLYHEDRON", "CellFaces", "VtkGrid", "lattice", "structured_cells"]
-
 Arrays = dict[str, NDArray[np.generic]]
 
 #: Our type, and the places of the corners, for VTK's type numbers. Cells of higher order have their corners first.

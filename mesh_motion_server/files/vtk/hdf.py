@@ -17,8 +17,6 @@ from mesh_motion_server.files.moved import copied_hdf5
 from mesh_motion_server.files.text import text_of
 from mesh_motion_server.files.vtk.grid import POLYHEDRON, CellFaces, VtkGrid
 
-__all__ = ["move_hdf", "read_hdf"]
-
 _COUNTS = ("NumberOfPoints", "NumberOfCells", "NumberOfConnectivityIds")
 
 

@@ -14,8 +14,6 @@ from mesh_motion_server.files.moved import Place
 from mesh_motion_server.files.text import integer, number_array, real, text_of
 from mesh_motion_server.files.vtk.grid import POLYHEDRON, CellFaces, VtkGrid, lattice, structured_cells
 
-__all__ = ["Legacy", "read_legacy"]
-
 _TYPES = {
     "bit": "u1", "unsigned_char": "u1", "char": "i1", "unsigned_short": "u2", "short": "i2", "unsigned_int": "u4",
     "int": "i4", "unsigned_long": "u8", "long": "i8", "float": "f4", "double": "f8", "vtkidtype": "i4",

@@ -19,8 +19,6 @@ from mesh_motion_protocol.errors import InvalidInput
 
 from mesh_motion_server.files.mesh_file import concatenated
 
-__all__ = ["PatchKey", "VtkPiece", "joined", "numbering", "renumbered", "sources"]
-
 #: The dimension of a group, and its number or its name.
 PatchKey = tuple[int, int | str]
 

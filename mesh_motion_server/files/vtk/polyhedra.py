@@ -21,8 +21,6 @@ from mesh_motion_server.files.polyhedra.pieces import Pieces, divide
 from mesh_motion_server.files.polyhedra.polygons import polygons
 from mesh_motion_server.files.vtk.grid import KNOWN_TYPES, POLYGON, POLYHEDRON, CellFaces, VtkGrid
 
-__all__ = ["divided"]
-
 _QUAD = 4  # nodes of a quadrilateral
 _PRISMS = {15: 5, 16: 6}  # nodes of the ends, by VTK's type
 _CODES = {name: code for code, name in reversed(KNOWN_TYPES.items())}

@@ -33,8 +33,6 @@ from mesh_motion_server.files.vtk.pieces import PatchKey, VtkPiece, joined, sour
 from mesh_motion_server.files.vtk.polyhedra import divided
 from mesh_motion_server.files.vtk.xml import read_xml
 
-__all__ = ["NUMBERED_PATCH_ARRAYS", "PATCH_PREFIX", "VTK", "VTKHDF", "VTU", "grids_as_mesh"]
-
 PATCH_PREFIX = "patch_"
 #: Arrays of numbers that name patches; the first existing one is used. The comment after each names the program that
 #: writes it.

@@ -19,8 +19,6 @@ from numpy.typing import NDArray
 
 from mesh_motion_server.files.replace import replacing
 
-__all__ = ["Data", "VtuSeries", "write_vtu"]
-
 Data = Mapping[str, NDArray[np.generic]]
 
 #: Characters that XML cannot contain, escaped or not.

@@ -23,8 +23,6 @@ from mesh_motion_server.files.packages import check_unpacked, most_unpacked
 from mesh_motion_server.files.text import integer, number_array
 from mesh_motion_server.files.vtk.grid import POLYHEDRON, CellFaces, VtkGrid, structured_cells
 
-__all__ = ["read_xml"]
-
 _APPENDED = re.compile(rb"<AppendedData\s[^>]*encoding\s*=\s*[\"'](raw|base64)[\"'][^>]*>\s*_")
 _END = b"</AppendedData>"
 _UNPACKERS: dict[str, Callable[[], Any]] = {

@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 from mesh_motion_server.files.packages import check_unpacked, load_h5py
 from mesh_motion_server.files.text import integer, number_array
 
-__all__ = ["Document", "dtype_of", "item_type", "kind_of"]
-
 #: Also as MOOSE (2003), dolfinx (https) and meshio (a slash at the end) write it.
 _INCLUDE = re.compile(r"\{https?://www\.w3\.org/200[13]/XInclude/?\}include")
 _CHOICE = re.compile(r"/\*\[((?:\s*(?:or)?\s*self::\w+)+)\s*\]$")

@@ -20,8 +20,6 @@ from mesh_motion_server.files.vtk.grid import KNOWN_TYPES, VtkGrid, lattice, str
 from mesh_motion_server.files.vtk.reading import NUMBERED_PATCH_ARRAYS, PATCH_PREFIX, grids_as_mesh
 from mesh_motion_server.files.xdmf.document import Document, item_type, kind_of
 
-__all__ = ["WIDTHS", "by_points", "read"]
-
 #: Number in mixed topologies, VTK's number, and number of nodes of an element (None: given in the file), by XDMF's
 #: name.
 _TYPES: dict[str, tuple[int, int, int | None]] = {

@@ -14,8 +14,6 @@ from mesh_motion_server.files.replace import replaced_by_name
 from mesh_motion_server.files.xdmf.document import Document, dtype_of, item_type, kind_of
 from mesh_motion_server.files.xdmf.grids import WIDTHS, by_points
 
-__all__ = ["move"]
-
 
 def _texts(data: bytes) -> list[tuple[int, int]]:
     """Begin and end of each item's text in the file, in the order of the begins."""

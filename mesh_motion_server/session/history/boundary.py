@@ -34,19 +34,6 @@ from mesh_motion_protocol.errors import DataLoss
 from mesh_motion_server.session.history.events import FOLDER
 from mesh_motion_server.session.history.segments import list_segments
 
-__all__ = [
-    "BOUNDARY",
-    "BoundaryLog",
-    "BoundaryStep",
-    "cut_torn_record",
-    "digest_at",
-    "pack_input",
-    "pack_maker",
-    "pack_outcome",
-    "pack_taken_up",
-    "pack_time",
-]
-
 BOUNDARY = "boundary"
 FRAMES = ("committed", "reference")
 

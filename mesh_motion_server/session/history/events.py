@@ -34,19 +34,6 @@ from typing import Any, BinaryIO
 
 from mesh_motion_server.session.history.segments import list_segments
 
-__all__ = [
-    "EVENTS",
-    "FOLDER",
-    "end_torn_line",
-    "finite",
-    "kept_of",
-    "last_committed",
-    "line_of",
-    "lines_backwards",
-    "parse_line",
-    "read_events",
-]
-
 FOLDER = "history"
 EVENTS = "events"
 

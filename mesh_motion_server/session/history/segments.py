@@ -14,8 +14,6 @@ from pathlib import Path
 
 from mesh_motion_server.operation.room import disk_room
 
-__all__ = ["Full", "Segments", "Slow", "list_segments", "require_room"]
-
 #: Seconds, and seconds per byte: an append that takes longer than both together counts as a delay by the disk.
 PATIENCE, _PER_BYTE = 1.0, 1 / (32 << 20)
 #: Allowed total of such delays, in seconds and as a share of the time: a short pause of the machine, which cannot be

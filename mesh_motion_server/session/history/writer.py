@@ -23,8 +23,6 @@ from mesh_motion_server.session.history.events import EVENTS, FOLDER, end_torn_l
 from mesh_motion_server.session.history.segments import Full, Segments, list_segments, require_room
 from mesh_motion_server.session.journal.ledger import BoundaryInput
 
-__all__ = ["History"]
-
 _LOG = logging.getLogger(__name__)
 
 #: Size of a segment.

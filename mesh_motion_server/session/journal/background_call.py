@@ -5,8 +5,6 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Generic, TypeVar
 
-__all__ = ["BackgroundCall"]
-
 _Result = TypeVar("_Result")
 
 

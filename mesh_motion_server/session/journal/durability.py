@@ -28,8 +28,6 @@ from mesh_motion_server.session.journal.keeper import Keeper
 from mesh_motion_server.session.journal.ledger import BoundaryInput, Commit
 from mesh_motion_server.session.journal.relaxed import RelaxedKeeper
 
-__all__ = ["FullKeeper", "ReplayKeeper", "keeper_of", "log_bytes", "logged_failure"]
-
 _LOG = logging.getLogger(__name__)
 
 #: Smallest and largest number of bytes of commits that are logged before a state is stored: opening reads all of them.

@@ -13,19 +13,6 @@ from mesh_motion_server.session.journal.ledger import Foundation, Ledger, slot_o
 from mesh_motion_server.session.journal.records import PAGE, Record, unpack_record
 from mesh_motion_server.session.journal.recovery import Findings, SlotView, examine, read_chain, sum_up
 
-__all__ = [
-    "FIRST_MANIFEST",
-    "KEPT_COMMITS",
-    "MANIFEST",
-    "NEXT_MANIFEST",
-    "SLOTS",
-    "read_journal",
-    "read_ledger",
-    "read_stored_state",
-    "verified_state",
-]
-
-
 MANIFEST = "manifest"
 NEXT_MANIFEST = "manifest.new"
 FIRST_MANIFEST = "manifest.first"

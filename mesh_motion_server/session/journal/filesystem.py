@@ -19,20 +19,6 @@ from mesh_motion_protocol.lacks import way_out_of
 from mesh_motion_server.absence import is_missing
 from mesh_motion_server.operation.tally import TALLY
 
-__all__ = [
-    "FileSystem",
-    "PosixFileSystem",
-    "bounded_size",
-    "disk_failure",
-    "make_durable_folder",
-    "read_whole",
-    "reading",
-    "unreadable",
-    "write_all",
-    "write_durably",
-    "write_file",
-]
-
 Buffer = bytes | memoryview
 _Error = TypeVar("_Error", bound=MeshMotionError)
 #: Flags for opening: a link is not followed, and opening a pipe does not wait.

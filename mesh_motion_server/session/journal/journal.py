@@ -54,9 +54,6 @@ from mesh_motion_server.session.journal.records import PAGE, Record, pack_record
 from mesh_motion_server.session.journal.recovery import Findings
 from mesh_motion_server.session.journal.witness import Witness, has_witness, manifest_bytes
 
-__all__ = ["Journal", "record_area"]
-
-
 #: A state of at least this many bytes is synced before its record is written: one more sync takes less time than
 #: hashing, which runs at the same time.
 _LARGE_STATE = 4 << 20

@@ -8,8 +8,6 @@ from mesh_motion_numerics.arrays import Floats
 from mesh_motion_server.session.journal.journal import Journal
 from mesh_motion_server.session.journal.ledger import BoundaryInput, Commit
 
-__all__ = ["Keeper"]
-
 
 class Keeper(ABC):
     """Keeps the commits of a session, at one of the levels that :mod:`.durability` lists."""

@@ -27,8 +27,6 @@ from mesh_motion_protocol.errors import DataLoss
 from mesh_motion_server.session.journal.records import Record
 from mesh_motion_server.session.journal.replies import RequestId
 
-__all__ = ["BoundaryInput", "Commit", "Foundation", "Ledger", "Snapshot", "slot_of"]
-
 
 @dataclass(frozen=True)
 class Foundation:

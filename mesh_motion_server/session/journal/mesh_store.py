@@ -27,8 +27,6 @@ from mesh_motion_server.session.journal.filesystem import FileSystem, reading, u
 from mesh_motion_server.session.partitions.facets import FACET_NODES
 from mesh_motion_server.session.partitions.meshes import PartitionMesh
 
-__all__ = ["MESH", "has_its_length", "read_mesh", "verifies", "write_mesh"]
-
 MESH = "mesh.bin"
 """The file's name in a session's folder."""
 

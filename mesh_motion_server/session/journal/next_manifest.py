@@ -12,8 +12,6 @@ from mesh_motion_server.session.journal.files import FIRST_MANIFEST, KEPT_COMMIT
 from mesh_motion_server.session.journal.filesystem import FileSystem, write_durably, write_file
 from mesh_motion_server.session.journal.ledger import Foundation
 
-__all__ = ["create_manifest", "manifest_capacity", "replace_manifest", "reserve"]
-
 #: Bytes read at a time when a file is scanned.
 _PART = 1 << 20
 #: Smallest manifest: some 250 commits of one partition.

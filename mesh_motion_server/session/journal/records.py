@@ -27,8 +27,6 @@ from typing import Any
 import msgpack
 from mesh_motion_protocol.errors import DataLoss
 
-__all__ = ["FAMILY", "FORMATS", "PAGE", "Record", "find_record", "pack_record", "unpack_record", "verified"]
-
 FAMILY = b"MMJRNL"
 #: The formats that this version reads and writes.
 FORMATS = (1, 2)

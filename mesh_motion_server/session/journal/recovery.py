@@ -21,8 +21,6 @@ from mesh_motion_server.session.journal.ledger import Foundation, Ledger
 from mesh_motion_server.session.journal.records import FAMILY, FORMATS, Record, find_record, unpack_record
 from mesh_motion_server.session.journal.witness import Witness, has_witness
 
-__all__ = ["Findings", "SlotView", "examine", "read_chain", "sum_up"]
-
 _HINT = "restore the session's folder from a backup, or discard the session"
 
 

@@ -16,8 +16,6 @@ from mesh_motion_server.session.journal.journal import Journal
 from mesh_motion_server.session.journal.keeper import Keeper
 from mesh_motion_server.session.journal.ledger import BoundaryInput, Commit
 
-__all__ = ["Backlog", "RelaxedKeeper"]
-
 
 class Backlog:
     """Answered commits that are not stored yet: the newest state, and the replies that are kept."""

@@ -11,8 +11,6 @@ from typing import Generic, TypeVar
 
 from mesh_motion_protocol.errors import SessionError
 
-__all__ = ["ReplyTable", "RequestId"]
-
 T = TypeVar("T")
 
 #: Maximum number of clients; the client that was silent longest is forgotten first.

@@ -21,8 +21,6 @@ from dataclasses import dataclass
 from mesh_motion_server.session.journal.ledger import Foundation
 from mesh_motion_server.session.journal.records import PAGE, Record
 
-__all__ = ["Witness", "has_witness", "manifest_bytes"]
-
 _MAGIC = b"MMTAIL\x01\n"
 _CONTENT = struct.Struct("<8sQ32s")
 

@@ -9,8 +9,6 @@ from mesh_motion_protocol.errors import InvalidInput
 
 from mesh_motion_server.session.partitions.meshes import PartitionMesh
 
-__all__ = ["FACET_NODES", "merge_facets"]
-
 #: Types of facets, and their numbers of nodes.
 FACET_NODES = {name: count for count, name in FACET_NAMES.items()}
 

@@ -24,9 +24,6 @@ from numpy.typing import NDArray
 from mesh_motion_server.session.partitions.facets import merge_facets
 from mesh_motion_server.session.partitions.meshes import CellCount, CellOrigin, MergedMesh, PartitionMesh, joined
 
-__all__ = ["canonical_order", "check_boundary", "check_near", "merge"]
-
-
 #: Largest difference of one node's coordinates between partitions, relative to the bounding box's diagonal: above the
 #: rounding of text files with 12 digits, far below any edge.
 _COORDINATE_TOLERANCE = 1e-10

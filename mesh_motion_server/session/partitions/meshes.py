@@ -19,8 +19,6 @@ from mesh_motion_protocol.errors import InvalidInput
 from mesh_motion_protocol.shared_nodes import Torn, united
 from numpy.typing import NDArray
 
-__all__ = ["CellCount", "CellOrigin", "MergedMesh", "PartitionMesh", "joined"]
-
 
 @dataclass(frozen=True, eq=False)
 class PartitionMesh:

@@ -19,8 +19,6 @@ from mesh_motion_protocol.errors import MeshMotionError
 
 from mesh_motion_server.session.partitions.meshes import CellOrigin, MergedMesh
 
-__all__ = ["UploadView", "in_senders_numbers", "text_in_senders_numbers", "upload_view"]
-
 #: The pattern of a node in a message, and the keys of a node in the details.
 _NODE = re.compile(r"\bnode (\d+)")
 _NODE_KEYS = ("node", "image")

@@ -17,8 +17,6 @@ from mesh_motion_protocol.errors import InvalidInput
 from mesh_motion_server.session.partitions.merging import merge
 from mesh_motion_server.session.partitions.meshes import MergedMesh, PartitionMesh
 
-__all__ = ["MergedRegion", "Rows", "merge_regions"]
-
 
 @dataclass(frozen=True, eq=False)
 class MergedRegion:

@@ -14,8 +14,6 @@ from numpy.typing import NDArray
 from mesh_motion_server.session.partitions.facets import FACET_NODES
 from mesh_motion_server.session.partitions.meshes import PartitionMesh, joined
 
-__all__ = ["ITEMS", "MeshUpload", "Part"]
-
 #: Items that may be uploaded.
 ITEMS = ("nodes", "global_ids", "cells", "facets", "near_cells", "patch")
 

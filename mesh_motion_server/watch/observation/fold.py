@@ -10,8 +10,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-__all__ = ["Place", "StepFold", "is_corrected", "number_of"]
-
 
 @dataclass(frozen=True)
 class Place:

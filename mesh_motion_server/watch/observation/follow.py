@@ -9,8 +9,6 @@ from typing import Any
 from mesh_motion_server.session.history.events import EVENTS, FOLDER, lines_backwards, parse_line
 from mesh_motion_server.session.history.segments import list_segments
 
-__all__ = ["EventTail", "events_in_brief", "last_event"]
-
 #: A line begins with its time and kind.
 _HEAD = 80
 #: A table of cells: objects without nested objects.

@@ -11,8 +11,6 @@ from mesh_motion_protocol.headroom import headroom_in_words
 
 from mesh_motion_server.watch.observation.series import Series
 
-__all__ = ["MOST_POINTS", "Followed", "plain_column"]
-
 #: Largest number of points of a request; as in pictures/history.py, more of them would share pixels.
 MOST_POINTS = 5000
 #: Number of the latest warnings, refusals and state changes that are kept.

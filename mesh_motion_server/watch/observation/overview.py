@@ -11,8 +11,6 @@ from mesh_motion_server.session.state import State
 from mesh_motion_server.watch.observation.sessions import Sessions, SessionView
 from mesh_motion_server.watch.observation.verdict import Latest, Recent, lost_files, verdict
 
-__all__ = ["Overview"]
-
 #: Maximum number of listed sessions, the last changed first.
 _LISTED = 200
 #: Values for a session that the supervisor does not know.

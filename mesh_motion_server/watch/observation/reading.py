@@ -7,8 +7,6 @@ from typing import Any
 from mesh_motion_server.watch.observation.follow import EventTail
 from mesh_motion_server.watch.observation.followed import Followed
 
-__all__ = ["Reading"]
-
 #: Maximum seconds of reading for one request; other requests are answered in between.
 _SECONDS = 0.7
 #: Bytes read between two checks of the time.

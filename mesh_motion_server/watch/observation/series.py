@@ -11,8 +11,6 @@ from mesh_motion_numerics.arrays import Floats
 
 from mesh_motion_server.watch.observation.fold import Place, StepFold, number_of
 
-__all__ = ["COLUMNS", "PHASES", "QUALITY", "Columns", "Series", "of_metric", "thinned"]
-
 #: Statistics of a distribution.
 QUALITY = ("min", "p1", "p5", "p50", "mean")
 #: The phases of a Move.

@@ -12,8 +12,6 @@ from mesh_motion_server.session.state import State
 from mesh_motion_server.session.store import SessionStore
 from mesh_motion_server.watch.observation.follow import last_event
 
-__all__ = ["SessionView", "Sessions"]
-
 #: The state of a session after its last event.
 _STATES = {
     "built": State.READY,

@@ -12,8 +12,6 @@ from mesh_motion_server.session.history.events import read_events
 from mesh_motion_server.watch.observation.fold import StepFold
 from mesh_motion_server.watch.observation.series import Series
 
-__all__ = ["HistoryDigest", "digest_of_history", "events_of_step"]
-
 Event = dict[str, Any]
 
 

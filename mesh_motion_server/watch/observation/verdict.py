@@ -14,8 +14,6 @@ from typing import Any, Literal
 from mesh_motion_server.watch.observation.fold import number_of
 from mesh_motion_server.watch.observation.follow import EventTail
 
-__all__ = ["Latest", "Recent", "Verdict", "duration", "lost_files", "server_gone", "verdict"]
-
 Tone = Literal["good", "warn", "bad", ""]
 
 #: Number of commits that are kept, for the usual pause and for the line of minima in a list.

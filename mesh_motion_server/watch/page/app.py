@@ -24,8 +24,6 @@ from mesh_motion_server.transport.telemetry import log
 from mesh_motion_server.watch.page.archive import Archive, as_json, integer
 from mesh_motion_server.watch.page.guard import Guard
 
-__all__ = ["STATIC", "Page"]
-
 STATIC = Path(__file__).with_name("static")
 _JSON = "application/json"
 #: Points of a chart if the request names no number; the page itself requests as many (static/history.js).

@@ -18,8 +18,6 @@ from mesh_motion_protocol.errors import InvalidInput, SessionError
 from mesh_motion_server.watch.observation.overview import Overview
 from mesh_motion_server.watch.observation.reading import Reading
 
-__all__ = ["Archive", "as_json"]
-
 #: Number of sessions whose series are cached.
 _FOLLOWED = 16
 #: Number of series answers that are cached until new events come.

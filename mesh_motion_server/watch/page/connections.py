@@ -11,8 +11,6 @@ from typing import Any
 
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
-__all__ = ["ANSWER_SECONDS", "MOST", "REQUEST_SECONDS", "BoundedProtocol"]
-
 MOST = 96
 REQUEST_SECONDS = 5.0
 ANSWER_SECONDS = 20.0

@@ -12,8 +12,6 @@ from mesh_motion_server.watch.pictures.meshes import read_pair
 from mesh_motion_server.watch.pictures.page import Page, styled
 from mesh_motion_server.watch.pictures.palette import DARK, LIGHT
 
-__all__ = ["draw"]
-
 #: A larger mesh file is not read: it would exceed the memory of the process.
 _MESH_BYTES = 192 << 20
 _WIDTH_MM, _DPI = 125.0, 200

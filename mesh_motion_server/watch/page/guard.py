@@ -10,8 +10,6 @@ from typing import Any
 
 from mesh_motion_server.security.host_header import is_allowed_host
 
-__all__ = ["Guard"]
-
 Scope = MutableMapping[str, Any]
 Send = Callable[[MutableMapping[str, Any]], Awaitable[None]]
 Receive = Callable[[], Awaitable[MutableMapping[str, Any]]]

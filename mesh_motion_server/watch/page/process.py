@@ -27,8 +27,6 @@ from mesh_motion_server.transport.telemetry import configure, log, log_suppresse
 from mesh_motion_server.watch.page.app import Page
 from mesh_motion_server.watch.page.connections import BoundedProtocol
 
-__all__ = ["main"]
-
 #: Memory beyond what Python maps: libraries, threads, one mesh.
 _MEMORY = 3 << 30
 #: More than the connections that connections.py admits, for the files of histories and meshes too.

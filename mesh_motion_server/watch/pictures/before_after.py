@@ -17,9 +17,6 @@ from mesh_motion_server.watch.pictures.palette import INVERTED_COLOUR
 from mesh_motion_server.watch.pictures.runs import Run
 from mesh_motion_server.watch.pictures.snapshot import Plane, Snapshot, choose_plane, choose_window
 
-__all__ = ["MeshPair", "draw_after", "draw_before_after"]
-
-
 #: From this width on, mm, the close-up is next to both meshes.
 _WIDE_PAGE = 130.0
 #: A picture lower than this share of its width takes the page's whole width.

@@ -17,9 +17,6 @@ from mesh_motion_server.watch.observation.series import PHASES
 from mesh_motion_server.watch.pictures.page import Page, blank
 from mesh_motion_server.watch.pictures.runs import Run
 
-__all__ = ["PANELS", "draw_history", "draw_quality", "panels_of"]
-
-
 #: More steps than this are thinned: beyond it, two steps share one pixel of a page.
 _MOST = 5000
 #: Up to this number, each step has its own mark.

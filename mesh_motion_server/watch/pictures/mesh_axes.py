@@ -10,9 +10,6 @@ from mesh_motion_server.watch.pictures.palette import INVERTED_COLOUR, colour_sc
 from mesh_motion_server.watch.pictures.slices import Polygons, cut, flat
 from mesh_motion_server.watch.pictures.snapshot import Plane, Snapshot
 
-__all__ = ["draw_closeup", "draw_mesh", "draw_polygons"]
-
-
 #: Above this number of polygons, the cells become pixels inside SVG and PDF: a polygon takes about 150 bytes there.
 RASTER_ABOVE = 3000
 #: Distance that a close-up shows to each side of the worst cell, in sizes of that cell.

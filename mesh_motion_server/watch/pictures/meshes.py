@@ -33,9 +33,6 @@ from mesh_motion_server.watch.pictures.runs import (
 )
 from mesh_motion_server.watch.pictures.snapshot import Snapshot
 
-__all__ = ["pair_of", "read_pair"]
-
-
 #: A boundary node has moved if its distance from its old position is above this share of the mesh's extent.
 _MOVED = 1e-9
 #: Values of faces at the ends of the colours; checkMesh warns of a skewness above 4.

@@ -20,18 +20,6 @@ from mesh_motion_server.files.replace import replacing
 from mesh_motion_server.watch.pictures.palette import LIGHT, Theme
 from mesh_motion_server.watch.terminal.text import plain
 
-__all__ = [
-    "FORMATS",
-    "PRESETS",
-    "Page",
-    "blank",
-    "format_of",
-    "parse_size",
-    "pictures_are_possible",
-    "save",
-    "styled",
-]
-
 FORMATS = ("png", "svg", "pdf")
 #: Elsevier's widths of figures, mm (other publishers' are near them), and a slide of 16 : 9.
 PRESETS: dict[str, tuple[float, float | None]] = {

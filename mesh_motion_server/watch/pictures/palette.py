@@ -9,8 +9,6 @@ vision can distinguish, and also different dashes.
 from dataclasses import dataclass
 from typing import Any
 
-__all__ = ["DARK", "INVERTED_COLOUR", "LIGHT", "QUALITY_MAP", "Theme", "colour_scale"]
-
 #: matplotlib's name of the map from the worst to the best value.
 QUALITY_MAP = "viridis"
 INVERTED_COLOUR = "#e5007d"

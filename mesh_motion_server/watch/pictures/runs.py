@@ -22,18 +22,6 @@ from mesh_motion_server.watch.observation.follow import events_in_brief
 from mesh_motion_server.watch.observation.series import COLUMNS, PHASES, Columns, Series, of_metric, thinned
 from mesh_motion_server.watch.terminal.text import plain
 
-__all__ = [
-    "METRICS",
-    "Run",
-    "check_metric",
-    "is_played",
-    "is_session",
-    "label_of",
-    "no_run",
-    "read_played",
-    "read_runs",
-]
-
 METRICS = tuple(str(choice) for choice in KEYS["quality_metric"].choices)
 #: Metrics that every session records; the first is drawn for a played case.
 _RECORDED = ("size-skew", "size", "skew")

@@ -6,9 +6,6 @@ import numpy as np
 from mesh_motion_numerics.arrays import Floats, Integers, Marks
 from mesh_motion_numerics.mesh.cells import CellTable
 
-__all__ = ["Polygons", "cut", "flat"]
-
-
 #: The edges of each type of volume cell, as pairs of local nodes.
 _EDGES: dict[str, tuple[tuple[int, int], ...]] = {
     "tetra": ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)),

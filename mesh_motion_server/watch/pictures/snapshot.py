@@ -6,9 +6,6 @@ import numpy as np
 from mesh_motion_numerics.arrays import Floats, Integers, Marks
 from mesh_motion_numerics.mesh.cells import CellTable
 
-__all__ = ["Plane", "Snapshot", "choose_plane", "choose_window"]
-
-
 #: A picture shows only the surroundings of the moving nodes if these take less than this share of it.
 _CROP_BELOW = 0.4
 #: Along an axis with a smaller share of the sum of squares nodes do not move.

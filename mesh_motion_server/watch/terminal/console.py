@@ -18,8 +18,6 @@ from rich.text import Text
 
 from mesh_motion_server.watch.terminal.text import plain
 
-__all__ = ["Advance", "Table", "console", "inert", "progress_bar", "working"]
-
 
 class Advance(Protocol):
     """Shows the progress, with some words."""

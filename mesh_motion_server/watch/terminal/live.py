@@ -18,8 +18,6 @@ from mesh_motion_server.watch.terminal.console import console
 from mesh_motion_server.watch.terminal.sources import FolderSource, Unreadable
 from mesh_motion_server.watch.terminal.table import Look, look_at, rendered, without_server
 
-__all__ = ["watch"]
-
 #: 128 + SIGHUP, as shells report a process that its terminal has ended.
 _HUNG_UP = 129
 #: Rows below the list: the details of one session.

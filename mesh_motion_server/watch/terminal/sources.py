@@ -9,8 +9,6 @@ from mesh_motion_server.session.spec import SPEC
 from mesh_motion_server.watch.observation.overview import Overview
 from mesh_motion_server.watch.observation.reading import Reading
 
-__all__ = ["FolderSource", "Unreadable"]
-
 #: Number of steps of a history in which the lowest minimum is searched; in a longer history each step represents its
 #: neighbours by the lowest.
 _POINTS = 600

@@ -14,8 +14,6 @@ from mesh_motion_server.watch.terminal.console import Table, inert
 from mesh_motion_server.watch.terminal.sources import FolderSource
 from mesh_motion_server.watch.terminal.text import number, plain
 
-__all__ = ["Look", "look_at", "rendered", "values_of", "without_server"]
-
 _TONES = {"good": "green", "warn": "bold yellow", "bad": "bold red", "": ""}
 _KINDS = {"warning": "yellow", "refused": "bold magenta", "failed": "bold red"}
 #: Cells and messages shown: with the other lines they fill live.py's _ROWS_OF_DETAILS.

@@ -3,8 +3,6 @@
 import math
 import unicodedata
 
-__all__ = ["number", "plain"]
-
 #: Maximum number of combining marks on one letter; more are dropped, because they would overlap other lines.
 _MOST_MARKS = 2
 

@@ -22,8 +22,6 @@ from mesh_motion_numerics.mesh.roles import SLIDING_ROLES, Patch
 from mesh_motion_numerics.mesh.sliding import SlidingSurfaces
 from mesh_motion_numerics.mesh.surface_constraints import OnFacets, OnPlanes, OnPrism
 
-__all__ = ["BoundaryConstraint", "RegionConstraint"]
-
 
 @dataclass(frozen=True, eq=False)
 class BoundaryConstraint:

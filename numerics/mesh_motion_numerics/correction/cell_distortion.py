@@ -28,8 +28,6 @@ from mesh_motion_numerics.correction.distortion import CornerSimplices, PNorm
 from mesh_motion_numerics.mesh.cells import CellTable, CellType
 from mesh_motion_numerics.quality.metrics import AtRest, sizes_of, skews_of, uses_angles
 
-__all__ = ["CellGroup", "cell_blocks", "cell_gradient", "cell_groups", "mean_cell_distortion"]
-
 
 @dataclass(frozen=True, eq=False)
 class CellGroup:

@@ -48,9 +48,6 @@ from mesh_motion_numerics.interpolation.kernels import basis_named, checked_radi
 from mesh_motion_numerics.method import Method
 from mesh_motion_numerics.quality.metrics import CellQuality
 
-__all__ = ["CORRECTIONS", "Correction", "CorrectionProblem", "correct", "spoils"]
-
-
 _WORST = 10  # number of cells that a refusal names
 #: A large mesh is raised to this multiple of the threshold if that is cheap: it leaves a margin for the next step.
 _AMPLE = 2.5

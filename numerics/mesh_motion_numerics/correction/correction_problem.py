@@ -12,9 +12,6 @@ from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.method import Method
 from mesh_motion_numerics.quality.metrics import AtRest
 
-__all__ = ["SMALL_MESH", "CorrectionProblem", "goal", "target_quality"]
-
-
 SMALL_MESH = {1: 1_000_000, 2: 30_000, 3: 5_000}
 """Free nodes, by dimension, up to which a correction without a target goes for the maximum: a second or two there."""
 

@@ -41,18 +41,6 @@ from mesh_motion_numerics.arrays import Floats, Integers, Marks
 from mesh_motion_numerics.mesh.cells import CellTable, CellType
 from mesh_motion_numerics.quality.metrics import AtRest, sizes_of, skews_of
 
-__all__ = [
-    "FLOOR",
-    "CornerSimplices",
-    "PNorm",
-    "corner_blocks",
-    "corner_distortions",
-    "corner_simplices",
-    "determinants",
-    "distortion_gradient",
-    "mean_distortion",
-]
-
 FLOOR = 0.1
 """Weight that every corner keeps in the Hessian, in units of the mean weight: no node is without stiffness."""
 

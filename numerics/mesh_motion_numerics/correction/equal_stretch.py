@@ -10,8 +10,6 @@ from mesh_motion_numerics.arrays import Floats, Integers
 from mesh_motion_numerics.correction.trial_nodes import TrialMesh
 from mesh_motion_numerics.quality.metrics import sizes_of
 
-__all__ = ["equal_stretch"]
-
 
 def equal_stretch(points: Floats, mesh: TrialMesh) -> Floats:
     """Positions (n, 1) of all nodes; the held nodes have their positions in ``points`` (n, 1).

@@ -19,8 +19,6 @@ from mesh_motion_numerics.correction.distortion import CornerSimplices, corner_s
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.quality.metrics import AtRest, CellsAtRest
 
-__all__ = ["CellAdjacency", "FreeRegion", "NodeAdjacency", "free_region", "gathered", "grow", "nodes_of_cells"]
-
 _DIAGONALS = np.array([[0, 6], [1, 7], [2, 4], [3, 5]])  # of a hexahedron
 _LEAST_AGGREGATE = 64  # nodes
 _AGGREGATES = {1: 800, 2: 800, 3: 200}  # at most, by dimension: their factorization takes a few per cent of a step

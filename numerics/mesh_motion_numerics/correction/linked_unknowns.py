@@ -16,8 +16,6 @@ import numpy as np
 from mesh_motion_numerics.arrays import Floats, Integers
 from mesh_motion_numerics.correction.free_region import NodeAdjacency
 
-__all__ = ["LinkedUnknowns", "StepSolver", "System"]
-
 StepSolver = Callable[[NodeAdjacency, Floats, Floats], Floats]
 """(adjacency, Hessian blocks (b, d, d), −g (f, d)) → step (f, d)."""
 System = Callable[[NodeAdjacency, Floats], Callable[[Floats], Floats]]

@@ -24,8 +24,6 @@ from mesh_motion_numerics.correction.region_measure import RegionMeasure, region
 from mesh_motion_numerics.interpolation.sparse_rows import Elimination, SparseCholesky
 from mesh_motion_numerics.stopwatch import check_time
 
-__all__ = ["Accuracy", "Descent", "newton"]
-
 _ARMIJO, _HALVINGS = 1e-4, 25
 _UNTANGLING_CG = 0.05, 200  # rough steps do not untangle large meshes
 _UNTANGLING_DIRECT = 1500  # a larger factorization still untangles a half turn, where rough steps sometimes fail

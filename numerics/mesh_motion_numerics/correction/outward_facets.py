@@ -16,8 +16,6 @@ from mesh_motion_numerics.arrays import Floats, Integers, Marks
 from mesh_motion_numerics.mesh.closest_point import FacetSet
 from mesh_motion_numerics.mesh.smooth_pieces import Piece, area_vectors, widened
 
-__all__ = ["OutwardFacets"]
-
 
 @dataclass(frozen=True, eq=False)
 class _Facets:

@@ -11,8 +11,6 @@ import numpy as np
 
 from mesh_motion_numerics.arrays import Integers, Marks
 
-__all__ = ["Elsewhere", "RegionTooSmall"]
-
 
 class RegionTooSmall(Exception):
     """The correction would free nodes that have cells elsewhere.

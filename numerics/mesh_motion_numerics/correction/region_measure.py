@@ -18,8 +18,6 @@ from mesh_motion_numerics.correction.cell_distortion import cell_blocks, cell_gr
 from mesh_motion_numerics.correction.distortion import PNorm, corner_blocks, distortion_gradient, mean_distortion
 from mesh_motion_numerics.correction.free_region import FreeRegion, gathered
 
-__all__ = ["MEASURES", "RegionMeasure", "region_measure"]
-
 
 class RegionMeasure(Protocol):
     """A p-mean over a region and its derivatives with respect to the free nodes."""

@@ -60,8 +60,6 @@ from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.quality.metrics import corner_quality, reference_sizes
 from mesh_motion_numerics.stopwatch import check_time
 
-__all__ = ["FAR", "RAMP", "RINGS", "Law", "SmoothMotion", "Smoothed", "onset_of"]
-
 RINGS = 8
 """Rings of cells around the resisting cells in which nodes are free."""
 

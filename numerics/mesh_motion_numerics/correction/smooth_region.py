@@ -17,8 +17,6 @@ from mesh_motion_numerics.correction.boundary_constraint import RegionConstraint
 from mesh_motion_numerics.correction.free_region import FreeRegion, NodeAdjacency
 from mesh_motion_numerics.interpolation.sparse_rows import Elimination, SparseCholesky
 
-__all__ = ["SmoothRegion"]
-
 PENALTY = 4.0  # a
 LENGTH = 10.0  # l, in cells
 #: A larger factorization is slower than conjugate gradients: in 3D as fast with 500 unknowns, 3 times as slow with 1900

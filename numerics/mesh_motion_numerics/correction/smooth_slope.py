@@ -26,8 +26,6 @@ from mesh_motion_numerics.correction.free_region import gathered
 from mesh_motion_numerics.correction.smooth_motion import FAR, RAMP, RINGS, SmoothMotion
 from mesh_motion_numerics.correction.smooth_region import PENALTY, SmoothRegion
 
-__all__ = ["SAME", "SmoothSlope", "not_at_minimum"]
-
 #: Largest Newton step, as a share of the mesh's extent, at which a mesh is accepted as the minimum.
 _AT_MINIMUM = 1e-6
 #: Two positions of a node are the same if they differ by less, as a share of the extent.

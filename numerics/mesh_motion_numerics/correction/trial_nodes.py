@@ -27,17 +27,6 @@ from mesh_motion_numerics.correction.region_measure import RegionMeasure
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.quality.metrics import AtRest, CellQuality, cell_quality, subset_quality
 
-__all__ = [
-    "MARGIN",
-    "Polished",
-    "Stage",
-    "TrialMesh",
-    "polish",
-    "reach",
-    "signed",
-    "untangle",
-]
-
 LEVELS = tuple(PNorm(p, m, of="cells") for p, m in ((2, 1), (8, 2), (24, 4), (60, 8), (150, 16), (400, 40)))
 """Continuation: with a sharper start, or half the iterations a level, the result has a third of the quality."""
 

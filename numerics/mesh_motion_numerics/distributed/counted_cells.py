@@ -16,8 +16,6 @@ from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.quality.metrics import CellsAtRest, judged
 from mesh_motion_numerics.quality.quality_summary import reported_metrics, worst_cells
 
-__all__ = ["CountedCells"]
-
 
 class CountedCells:
     """The cells of a partition, which are judged many times.

@@ -22,8 +22,6 @@ from mesh_motion_numerics.interpolation.two_scale.interpolant import AnyInterpol
 from mesh_motion_numerics.interpolation.two_scale.nested_grid import NestedSpline
 from mesh_motion_numerics.mesh.points import padded
 
-__all__ = ["Field", "FieldPart"]
-
 
 @dataclass(frozen=True, eq=False)
 class Field:

@@ -20,18 +20,6 @@ from mesh_motion_numerics.distributed.summaries import PartialSummary, Questions
 from mesh_motion_numerics.mesh.cells import CELL_TYPES
 from mesh_motion_numerics.quality.quality_summary import QualitySummary, WorstCell, reported_metrics
 
-__all__ = [
-    "RankReport",
-    "Unanswered",
-    "as_plain",
-    "read_questions",
-    "read_report",
-    "reading",
-    "report_fields",
-    "require",
-    "summary_of",
-]
-
 #: Columns of a worst cell before its centre: type, local number, value, size, skew, size-skew.
 _WORST_COLUMNS = 6
 _TYPES = tuple(CELL_TYPES)

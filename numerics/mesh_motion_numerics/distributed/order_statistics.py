@@ -16,18 +16,6 @@ from numpy.typing import NDArray
 
 from mesh_motion_numerics.arrays import Floats, Integers
 
-__all__ = [
-    "BINS",
-    "FEW",
-    "WHOLE",
-    "BinContent",
-    "Way",
-    "content",
-    "merged_counts",
-    "narrowed",
-]
-
-
 BINS = 2048
 #: Largest number of values in a bin that are sent one by one.
 FEW = 512

@@ -30,8 +30,6 @@ from mesh_motion_numerics.mesh.closest_point import are_within
 from mesh_motion_numerics.quality.mesh_check import checked_cells, nodes_in_no_cell
 from mesh_motion_numerics.quality.metrics import WORST_CORNER, cell_quality, cells_at_rest, corner_quality
 
-__all__ = ["Rank"]
-
 
 class Rank:
     """The nodes and cells of one partition.

@@ -19,9 +19,6 @@ from mesh_motion_numerics.distributed.judging import reading, require
 from mesh_motion_numerics.mesh.cells import CELL_TYPES, CellTable
 from mesh_motion_numerics.quality.metrics import CellQuality
 
-__all__ = ["ALL", "Extent", "Region", "region_fields"]
-
-
 #: A bound above every quality: all cells are below it.
 ALL = 2.0
 

@@ -18,8 +18,6 @@ from mesh_motion_numerics.quality.quality_summary import (
     reported_metrics,
 )
 
-__all__ = ["WORST", "PartialSummary", "Questions", "first_questions", "joined"]
-
 Questions = tuple[tuple[str, Way], ...]
 """Metrics, each with a bin to report."""
 

@@ -11,8 +11,6 @@ from mesh_motion_numerics.interpolation.centres import CentreLayout
 from mesh_motion_numerics.interpolation.kernels import Basis
 from mesh_motion_numerics.interpolation.sparse_rows import SparseRows
 
-__all__ = ["dense_block", "mean_row_entries", "rows_near", "sparse_matrix", "sparse_rows"]
-
 #: Largest width, in radii, of a grid's cells or of all centres; beyond it, a grid that stores few of its cells is used.
 _WIDER = 1.5
 #: Cells are this much wider than R, so that rounding of a cell number cannot lose a neighbour.

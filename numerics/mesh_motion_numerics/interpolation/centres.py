@@ -20,8 +20,6 @@ from mesh_motion_numerics.interpolation.hashed_cells import HashedCells
 from mesh_motion_numerics.interpolation.kernels import Basis
 from mesh_motion_numerics.mesh.points import padded
 
-__all__ = ["CentreLayout"]
-
 
 @dataclass(frozen=True, eq=False)
 class CentreLayout:

@@ -8,8 +8,6 @@ from scipy.spatial import cKDTree
 from mesh_motion_numerics.arrays import Floats
 from mesh_motion_numerics.mesh.neighbours import local_spacing
 
-__all__ = ["checked_control_points"]
-
 #: Points closer than this share of their extent count as one point: the interpolation matrix would be singular.
 _SAME_POINT = 1e-13
 

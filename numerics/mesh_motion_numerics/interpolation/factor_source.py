@@ -16,17 +16,6 @@ from mesh_motion_numerics.interpolation.two_scale.factorization import TwoScaleP
 from mesh_motion_numerics.interpolation.two_scale.interpolant import AnyInterpolant
 from mesh_motion_numerics.method import Method
 
-__all__ = [
-    "DeferredFactorization",
-    "FactorSource",
-    "MakeEachTime",
-    "Recorded",
-    "factorization_of",
-    "operators_of",
-    "point_digest",
-    "two_scale_factorization_of",
-]
-
 
 class Kept(Protocol):
     """Data that are computed once and may be cached."""

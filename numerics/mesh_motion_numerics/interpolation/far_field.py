@@ -25,8 +25,6 @@ from mesh_motion_numerics.interpolation.kernels import DEFAULT_BASIS, basis_name
 from mesh_motion_numerics.interpolation.two_scale.interpolant import AnyInterpolant, TwoScaleInterpolant
 from mesh_motion_numerics.mesh.points import bounding_box
 
-__all__ = ["FarFieldFactorization"]
-
 
 @dataclass(frozen=True, eq=False)
 class FarFieldFactorization:

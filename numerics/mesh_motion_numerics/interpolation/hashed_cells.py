@@ -15,8 +15,6 @@ from numpy.typing import NDArray
 
 from mesh_motion_numerics.arrays import Floats, Integers
 
-__all__ = ["HashedCells"]
-
 Shorts = NDArray[np.int32]
 
 

@@ -30,8 +30,6 @@ from mesh_motion_numerics.interpolation.polynomial import LinearBasis, Polynomia
 if TYPE_CHECKING:
     from mesh_motion_numerics.interpolation.two_scale.interpolant import AnyInterpolant
 
-__all__ = ["AllCentreFactorization", "Factorization", "Interpolant", "factorize"]
-
 
 @dataclass(frozen=True, eq=False)
 class Interpolant:

@@ -32,8 +32,6 @@ from mesh_motion_numerics.interpolation.two_scale.grid_sums import on_grid, on_g
 from mesh_motion_numerics.interpolation.two_scale.interpolant import AnyInterpolant, TwoScaleInterpolant
 from mesh_motion_numerics.interpolation.two_scale.nested_grid import NestedSpline
 
-__all__ = ["FieldMap", "InterpolationMap", "interpolation_map"]
-
 
 class InterpolationMap(Protocol):
     """(nc, k) values at control points → (n, k) values at places; made by :func:`interpolation_map`."""

@@ -25,8 +25,6 @@ from numpy.typing import ArrayLike
 
 from mesh_motion_numerics.arrays import Floats
 
-__all__ = ["BASES", "DEFAULT_BASIS", "MULTISCALE", "Basis", "basis_named", "checked_radius", "slopes", "values"]
-
 Definiteness = Literal["positive", "conditionally positive", "conditionally negative", "none"]
 
 DEFAULT_BASIS = "wendland-c2"

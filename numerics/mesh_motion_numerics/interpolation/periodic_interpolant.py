@@ -50,9 +50,6 @@ from mesh_motion_numerics.mesh.points import padded
 from mesh_motion_numerics.mesh.rigid_transforms import Transform, generated_group
 from mesh_motion_numerics.method import Method
 
-__all__ = ["PeriodicFactorization", "periodic_factorization_of"]
-
-
 #: Largest order that is factorized densely; above it the matrix is assembled sparse.
 _DENSE_ORDER = 10_000
 #: Columns of images that are assembled at once.

@@ -13,8 +13,6 @@ from mesh_motion_protocol.errors import InvalidInput
 
 from mesh_motion_numerics.arrays import Floats
 
-__all__ = ["LinearBasis", "Polynomial"]
-
 
 @dataclass(frozen=True, eq=False)
 class LinearBasis:

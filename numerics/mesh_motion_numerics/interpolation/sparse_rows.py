@@ -11,8 +11,6 @@ from scipy.sparse import csr_array
 
 from mesh_motion_numerics.arrays import Floats, Integers, Shorts
 
-__all__ = ["Elimination", "SparseCholesky", "SparseRows"]
-
 
 class SparseRows(NamedTuple):
     """A sparse matrix in compressed rows with SciPy's names but no checks, because every state of a mesh makes one.

@@ -51,8 +51,6 @@ from mesh_motion_numerics.mesh.points import bounding_box
 from mesh_motion_numerics.mesh.roles import BoundaryRoles
 from mesh_motion_numerics.method import Method
 
-__all__ = ["Reach", "suggest_enrichment_radius", "suggest_support_radius", "widest_ball", "with_reach"]
-
 _DOMAIN_LENGTHS, _BODIES = 2.5, 20.0
 #: Least L of a large domain, least D of a far field, and R in both with the multiscale basis, in B; R_t in D.
 _LARGE, _FAR, _NEAR, _MEAN = 3.5, 5.0, 10.0, 1.6

@@ -32,9 +32,6 @@ from mesh_motion_numerics.arrays import Floats, Integers, Marks
 from mesh_motion_numerics.mesh.points import bounding_box, marks_at
 from mesh_motion_numerics.mesh.smooth_pieces import area_vectors, widened
 
-__all__ = ["BoundaryFacets", "NearFacets", "crossing_place", "near_facets", "straddling_place", "touching_facets"]
-
-
 #: Below this share of the product of lengths, the sign of an area or a volume is not certain …
 _FLAT = 1e-12
 #: … nor if it changes when coordinates change by this many of their roundings.

@@ -10,9 +10,6 @@ from mesh_motion_numerics.mesh.cell_facets import facet_nodes, matched_facets
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.mesh.local_facets import FACET_NAMES, LOCAL_FACETS
 
-__all__ = ["LOCAL_FACETS", "boundary_facets", "boundary_nodes"]
-
-
 _KEPT: WeakKeyDictionary[CellTable, dict[str, Integers]] = WeakKeyDictionary()
 
 

@@ -28,9 +28,6 @@ from mesh_motion_numerics.mesh.closest_point import nearest_within
 from mesh_motion_numerics.mesh.points import bounding_box, marks_at
 from mesh_motion_numerics.mesh.roles import SLIDING_ROLES, Patch, nodes_with
 
-__all__ = ["LayerNodes", "first_row", "furthest", "layer_nodes"]
-
-
 _SHARE = 0.5  # a layer may reach this share of the distance to another boundary
 #: The first cells may reach this share of that distance, and of the body's longest side. A square in the middle of a
 #: box of its double size, with cells of a sixth of the gap, keeps 0.81 of its cells' shape at 15° instead of 0.85; a

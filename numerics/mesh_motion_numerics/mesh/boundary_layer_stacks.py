@@ -11,9 +11,6 @@ from mesh_motion_numerics.arrays import Integers, Marks, Shorts
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.mesh.points import marks_at
 
-__all__ = ["column_feet"]
-
-
 #: Opposite facets, local node numbers in the same order, by cell type; each pair is used in both directions.
 _OPPOSITE: dict[str, tuple[tuple[tuple[int, ...], tuple[int, ...]], ...]] = {
     "quad": (((0, 1), (3, 2)), ((1, 2), (0, 3))),

@@ -41,9 +41,6 @@ from mesh_motion_numerics.mesh.neighbours import connected
 from mesh_motion_numerics.mesh.points import marks_at
 from mesh_motion_numerics.mesh.roles import BoundaryRoles, Patch
 
-__all__ = ["ALONG", "MovingWall", "WallPlaces", "facet_frames", "simplices_of", "weighting_of"]
-
-
 ALONG = 0.5
 """κ: a wing in prisms that bends and twists keeps 0.88 of its shape with it, 0.83 with 0.1, 0.87 with 1."""
 _ON_CORNER = 1e-9  # share of a facet's corner below which a place does not touch the corner

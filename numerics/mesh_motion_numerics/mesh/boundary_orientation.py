@@ -14,9 +14,6 @@ from mesh_motion_numerics.arrays import Floats, Integers, Marks
 from mesh_motion_numerics.mesh.neighbours import connected
 from mesh_motion_numerics.mesh.smooth_pieces import all_marked, area_vectors, widened
 
-__all__ = ["closed_parts", "of_one_width", "outer_nodes", "overturned_place"]
-
-
 #: Rounding error of the sum of a part's contributions, relative to their size.
 _ROUNDING = 1e-12
 

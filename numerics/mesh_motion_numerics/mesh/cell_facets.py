@@ -16,8 +16,6 @@ from mesh_motion_numerics.arrays import Integers
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.mesh.local_facets import LOCAL_FACETS
 
-__all__ = ["CellFacets", "facet_nodes", "matched_facets"]
-
 #: The shortest integers that hold the numbers: they are stored for meshes of millions of cells.
 Short = NDArray[np.integer[Any]]
 

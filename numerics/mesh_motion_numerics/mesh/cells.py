@@ -23,8 +23,6 @@ from numpy.typing import NDArray
 
 from mesh_motion_numerics.arrays import Floats, Integers, Marks, Shorts
 
-__all__ = ["CELL_TYPES", "CellBlock", "CellTable", "CellType"]
-
 _SQRT3 = 3.0**0.5
 
 

@@ -15,8 +15,6 @@ from scipy.spatial import cKDTree
 from mesh_motion_numerics.arrays import Floats, Integers
 from mesh_motion_numerics.mesh.points import padded
 
-__all__ = ["FacetSet", "are_within", "nearest_within"]
-
 
 class FacetSet:
     """Segments (2D, or curves in 3D) or triangles.

@@ -16,8 +16,6 @@ from mesh_motion_numerics.mesh.neighbours import connected
 from mesh_motion_numerics.mesh.points import bounding_box
 from mesh_motion_numerics.mesh.smooth_pieces import area_vectors
 
-__all__ = ["CoincidentSides", "coincident_nodes", "first_at_place", "linked_by_cells", "met_nodes"]
-
 # rounding of coordinates, relative to the extent
 _SAME_PLACE = 1e-13
 #: Two sides pass through each other if they move towards each other at less than 60° to their common normal.

@@ -16,9 +16,6 @@ from mesh_motion_numerics.mesh.revolution import OFF
 from mesh_motion_numerics.mesh.rigid_transforms import Transform
 from mesh_motion_numerics.mesh.smooth_pieces import Piece, as_simplices
 
-__all__ = ["axis_of", "endless_nodes"]
-
-
 #: A screw is a rotation if it advances by less than this share of the walls' extent in each radian.
 _ADVANCE = 1e-3
 

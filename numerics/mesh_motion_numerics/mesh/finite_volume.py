@@ -34,16 +34,6 @@ from mesh_motion_numerics.mesh.cell_facets import CellFacets
 from mesh_motion_numerics.mesh.cells import CELL_TYPES, CellBlock, CellTable
 from mesh_motion_numerics.mesh.local_facets import LOCAL_FACETS
 
-__all__ = [
-    "FACE_METRICS",
-    "FaceMeasures",
-    "WorstFace",
-    "cell_values",
-    "extruded_cells",
-    "extruded_points",
-    "face_measures",
-]
-
 Ints = NDArray[np.integer[Any]]
 
 #: Cells or faces per batch: about ten megabytes of coordinates.

@@ -15,8 +15,6 @@ from mesh_motion_numerics.mesh.boundary_facets import boundary_facets
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.mesh.points import padded
 
-__all__ = ["refuse_hanging_nodes", "refuse_split_facets"]
-
 #: Distances as shares of the facet's radius: a node this near is on the facet; a node this near to a corner is at its
 #: place.
 _ON, _AT_A_CORNER = 1e-6, 1e-3

@@ -1,7 +1,5 @@
 """The local nodes of each facet of a cell, and the types of facets: tables that need no compiled code."""
 
-__all__ = ["FACET_NAMES", "LOCAL_FACETS"]
-
 #: The type of a facet, by its number of nodes.
 FACET_NAMES = {1: "vertex", 2: "line", 3: "triangle", 4: "quad"}
 

@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 
 from mesh_motion_numerics.arrays import Floats
 
-__all__ = ["morton_codes"]
-
 #: Bits per coordinate, by dimension: as many as fit into a code of 63 bits and a double of 53 bits.
 _BITS = {1: 52, 2: 31, 3: 21}
 #: Shift and mask pairs that spread the bits of one coordinate: one gap for 2D, two gaps for 3D.

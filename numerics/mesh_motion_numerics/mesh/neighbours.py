@@ -10,8 +10,6 @@ from scipy.spatial import cKDTree
 
 from mesh_motion_numerics.arrays import Floats, Integers
 
-__all__ = ["connected", "local_spacing"]
-
 
 def connected(count: int, ones: Integers, others: Integers) -> Integers:
     """(count,) number of the connected part to which each item belongs, if ``ones`` are linked to ``others`` (p,)."""

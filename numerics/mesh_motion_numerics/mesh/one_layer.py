@@ -20,8 +20,6 @@ from mesh_motion_numerics.mesh.points import marks_at
 from mesh_motion_numerics.mesh.roles import SLIDING_ROLES, Patch
 from mesh_motion_numerics.mesh.smooth_pieces import area_vectors, widened
 
-__all__ = ["OneLayer"]
-
 #: The face in the plane, for each type of 3D cell.
 _FACES = {"hexahedron": "quad", "wedge": "triangle"}
 #: Nodes are this close to their plane and their partner's place, as a share of the layer's height and of the extent.

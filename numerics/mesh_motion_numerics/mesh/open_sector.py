@@ -20,9 +20,6 @@ from mesh_motion_numerics.arrays import Floats
 from mesh_motion_numerics.mesh.revolution import across
 from mesh_motion_numerics.mesh.rigid_transforms import Transform
 
-__all__ = ["OpenSector"]
-
-
 _SAME = 1e-6  # a radius below this share of the mesh is none
 #: Share of the largest radius that is suggested: rounded to two digits, it is below the largest.
 _SUGGESTED = 0.95

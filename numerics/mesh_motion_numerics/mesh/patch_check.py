@@ -12,8 +12,6 @@ from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.mesh.neighbours import connected
 from mesh_motion_numerics.mesh.roles import ROLES, Patch
 
-__all__ = ["check_patches", "nodes_behind_fixed", "nodes_in_no_patch", "patch_warnings"]
-
 
 def check_patches(n: int, patches: Mapping[str, Patch]) -> None:
     """Refuse patches with an unknown role or unusable node ids, and a mesh on which nothing moves.

@@ -19,9 +19,6 @@ from mesh_motion_numerics.arrays import Floats
 from mesh_motion_numerics.mesh.points import padded
 from mesh_motion_numerics.mesh.rigid_transforms import Transform
 
-__all__ = ["RigidMotion", "fit_rigid_motion", "fit_screw", "split_rigid", "substeps"]
-
-
 #: Directions with less than this share of the points' spread are ignored: their rotation is not determined.
 _DEGENERATE = 1e-12
 #: Rotations closer than this to 180° count as 180° in the conventional sense; the data do not determine the sense.

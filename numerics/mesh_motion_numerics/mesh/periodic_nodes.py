@@ -23,9 +23,6 @@ from mesh_motion_numerics.mesh.points import marks_at
 from mesh_motion_numerics.mesh.rigid_transforms import Transform
 from mesh_motion_numerics.mesh.roles import BoundaryRoles, Patch
 
-__all__ = ["PeriodicNodes"]
-
-
 #: Two rotations are equal if their entries differ by less than this.
 _UNCHANGED = 1e-9
 #: Largest difference between the displacements of two moving images, relative to the domain's extent.

@@ -25,9 +25,6 @@ from mesh_motion_numerics.mesh.revolution import about
 from mesh_motion_numerics.mesh.rigid_transforms import Transform
 from mesh_motion_numerics.mesh.smooth_pieces import area_vectors, widened
 
-__all__ = ["PeriodicPair", "is_same_period", "periodic_pairs"]
-
-
 #: Largest error of an image, as a share of the distance to the nearest other node of its patch.
 _TOLERANCE = 1e-3
 #: The larger error allowed for a rotation from few nodes, before it is fitted to all nodes.

@@ -17,9 +17,6 @@ from mesh_motion_numerics.mesh.points import bounding_box
 from mesh_motion_numerics.mesh.roles import Patch
 from mesh_motion_numerics.mesh.smooth_pieces import smooth_pieces
 
-__all__ = ["PlaneRims"]
-
-
 #: Nodes this close to their plane are on it, relative to the domain's extent (single-precision displacements).
 _ON_PLANE = 1e-6
 

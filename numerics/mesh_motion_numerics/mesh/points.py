@@ -5,8 +5,6 @@ import numpy as np
 
 from mesh_motion_numerics.arrays import Floats, Integers, Marks
 
-__all__ = ["bounding_box", "marks_at", "padded", "spread"]
-
 
 def padded(points: Floats) -> Floats:
     """(n, 3) contiguous copy of (n, d) points; missing coordinates are zero."""

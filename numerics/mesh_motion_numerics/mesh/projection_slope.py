@@ -14,9 +14,6 @@ import numpy as np
 
 from mesh_motion_numerics.arrays import Floats, Marks
 
-__all__ = ["facet_angles", "smooth_slopes"]
-
-
 #: A normal leads to a point if it misses it by less than this share of the facet's first edge.
 _MISS = 1e-8
 #: A place is on a side of its facet if a barycentric coordinate is less than this.

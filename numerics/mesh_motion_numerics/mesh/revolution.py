@@ -7,9 +7,6 @@ import numpy as np
 from mesh_motion_numerics.arrays import Floats
 from mesh_motion_numerics.mesh.rigid_transforms import Transform
 
-__all__ = ["OFF", "about", "across", "turned_to", "turns_onto_itself"]
-
-
 #: The facets may leave such a surface by this share of a rotation (root mean square) about its axis.
 OFF = 0.07
 

@@ -11,9 +11,6 @@ from mesh_motion_protocol.errors import InvalidInput
 
 from mesh_motion_numerics.arrays import Floats
 
-__all__ = ["Transform", "generated_group", "nearest_images"]
-
-
 #: Elements that differ by less (a rotation's entries, a shift relative to the scale) are equal up to rounding.
 _SAME = 1e-6
 _MOST_ELEMENTS = 20_000

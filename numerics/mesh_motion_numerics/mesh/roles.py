@@ -14,8 +14,6 @@ import numpy as np
 
 from mesh_motion_numerics.arrays import Floats, Integers
 
-__all__ = ["ROLES", "SLIDING_ROLES", "BoundaryRoles", "Patch", "nodes_with"]
-
 #: Every role in messages and case files.
 ROLES = ("moving", "fixed", "slip", "symmetry", "periodic")
 #: Roles whose nodes stay on their initial surface.

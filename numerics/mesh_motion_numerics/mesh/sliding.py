@@ -31,9 +31,6 @@ from mesh_motion_numerics.mesh.smooth_pieces import Piece, sides, smooth_pieces
 from mesh_motion_numerics.mesh.surface_constraints import Held, OnFacets, OnPlanes, OnPrism, SurfaceConstraint, endless
 from mesh_motion_numerics.mesh.wall_lines import EvenedLine, WallLine, wall_lines
 
-__all__ = ["ACROSS", "SlidingSurfaces"]
-
-
 #: A wall maps onto itself if its nodes leave it by less than this share of their motion: true for a circle of 16
 #: segments in a rotation.
 ACROSS = 0.2

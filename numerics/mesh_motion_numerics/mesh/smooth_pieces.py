@@ -15,9 +15,6 @@ from mesh_motion_numerics.arrays import Floats, Integers, Marks
 from mesh_motion_numerics.mesh.neighbours import connected
 from mesh_motion_numerics.mesh.points import marks_at
 
-__all__ = ["SMOOTH_COSINE", "Piece", "all_marked", "area_vectors", "as_simplices", "sides", "smooth_pieces", "widened"]
-
-
 #: Edges with a larger angle are sharp: a circle of ten segments is still smooth, a hexagon is not.
 SMOOTH_COSINE = float(np.cos(np.radians(40.0)))
 #: A piece is planar if its nodes lie this close to a plane, relative to its extent (single-precision files give 1e-7).

@@ -27,9 +27,6 @@ from mesh_motion_numerics.mesh.projection_slope import facet_angles, smooth_slop
 from mesh_motion_numerics.mesh.revolution import about, turned_to, turns_onto_itself
 from mesh_motion_numerics.mesh.rigid_transforms import Transform, nearest_images
 
-__all__ = ["Held", "OnFacets", "OnPlanes", "OnPrism", "SurfaceConstraint", "endless"]
-
-
 #: Planes whose normals differ by less (as a sine) count as one plane: their line of intersection is not determined.
 _PARALLEL = 1e-6
 #: Components of a direction below this are 0: along a coordinate axis the other coordinates stay bitwise.

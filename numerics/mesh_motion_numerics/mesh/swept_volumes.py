@@ -26,8 +26,6 @@ from mesh_motion_numerics.arrays import Floats, Integers
 from mesh_motion_numerics.mesh.cells import CellBlock
 from mesh_motion_numerics.mesh.local_facets import LOCAL_FACETS
 
-__all__ = ["swept_by_cells", "swept_volumes"]
-
 #: Faces per batch: some ten megabytes of coordinates.
 _BLOCK = 1 << 16
 

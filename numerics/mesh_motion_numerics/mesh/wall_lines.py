@@ -19,9 +19,6 @@ from mesh_motion_numerics.mesh.closest_point import FacetSet
 from mesh_motion_numerics.mesh.smooth_pieces import Piece, sides
 from mesh_motion_numerics.mesh.surface_constraints import OnFacets
 
-__all__ = ["EvenedLine", "WallLine", "wall_lines"]
-
-
 #: A spacing is at least this share of its value in an evenly stretched line.
 _LEAST = 0.1
 #: … and at least this share on a curved one, where the smooth correction moves no node.

@@ -15,8 +15,6 @@ from mesh_motion_numerics.mesh.points import marks_at
 from mesh_motion_numerics.mesh.roles import SLIDING_ROLES, Patch
 from mesh_motion_numerics.mesh.smooth_pieces import SMOOTH_COSINE, all_marked, area_vectors, widened
 
-__all__ = ["whole_walls"]
-
 
 def whole_walls(points: Floats, facets: Mapping[str, Integers], patches: Mapping[str, Patch]) -> dict[str, Integers]:
     """Nodes (p,) of each slip or symmetry patch, together with the nodes of facets at its rim that are in no

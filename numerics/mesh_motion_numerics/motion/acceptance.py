@@ -10,13 +10,6 @@ from mesh_motion_numerics.arrays import Floats
 from mesh_motion_numerics.method import Method
 from mesh_motion_numerics.quality.quality_summary import Judgement
 
-__all__ = [
-    "largest_accepted",
-    "other_unit",
-    "refuse_unacceptable",
-    "way_out",
-]
-
 #: Accuracy of a bisection's fraction: for a motion without a correction, and for a boundary, which is cheap to test.
 #: They are not 1/32 and 1/64 because fractions are rounded down to thousandths.
 _COARSE, _FINE = 1 / 31, 1 / 60

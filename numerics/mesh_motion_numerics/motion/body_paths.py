@@ -29,9 +29,6 @@ from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.mesh.neighbours import connected
 from mesh_motion_numerics.mesh.paths import RigidMotion, fit_rigid_motion
 
-__all__ = ["Body", "Way", "moving_bodies", "ways"]
-
-
 #: Smaller angles count as no rotation, radians.
 _NO_TURN = 1e-9
 _NO_ORBIT = np.pi / 12  # smaller angles: the straight way is good enough

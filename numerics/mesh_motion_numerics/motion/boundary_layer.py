@@ -40,9 +40,6 @@ from mesh_motion_numerics.mesh.points import marks_at
 from mesh_motion_numerics.mesh.roles import BoundaryRoles, Patch
 from mesh_motion_numerics.mesh.sliding import SlidingSurfaces
 
-__all__ = ["BoundaryLayer", "Shield", "held_with"]
-
-
 _SHARP, _BLUNT = 0.25, 0.5  # mean cos² between an edge and its facets' normals where a is 1 and 0
 _SPOILED = 0.2  # share of a cell's quality at rest below which no correction can repair it
 

@@ -18,8 +18,6 @@ from mesh_motion_numerics.mesh.boundary_layer_wall import (
 )
 from mesh_motion_numerics.motion.boundary_layer import BoundaryLayer
 
-__all__ = ["carried_slope"]
-
 
 def carried_slope(layer: BoundaryLayer, moved: Floats) -> csr_array:
     """(l d, w d) derivative of :meth:`.BoundaryLayer.carried` by the wall's nodes, which are at ``moved`` (n, d)."""

@@ -48,9 +48,6 @@ from mesh_motion_numerics.quality.metrics import cells_at_rest
 from mesh_motion_numerics.quality.quality_summary import Judgement, LowestQuality, Minimum
 from mesh_motion_numerics.stopwatch import Stopwatch, check_time
 
-__all__ = ["BoundaryMotion", "reach_of_layers"]
-
-
 #: Share of the box's diagonal: a node this near to a wall is on it, for the coordinates of any partition.
 _ON_WALL = 1e-9
 #: Degrees: a rotation this near to half a turn may have either direction.

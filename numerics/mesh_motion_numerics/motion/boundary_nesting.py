@@ -22,9 +22,6 @@ from mesh_motion_numerics.mesh.points import spread
 from mesh_motion_numerics.mesh.rigid_transforms import Transform
 from mesh_motion_numerics.mesh.smooth_pieces import area_vectors, as_simplices
 
-__all__ = ["MOST_BEYOND", "beyond", "contact_place", "left_place", "misplaced_place", "passed_place"]
-
-
 #: Smallest number of tested places, spread over all: a part that has left is found by any node that is outside …
 _PROBES = 16
 #: … and, for a small boundary, this number of pairs of a place and a facet; they are computed in blocks of this size.

@@ -19,8 +19,6 @@ from mesh_motion_numerics.mesh.boundary_crossing import BoundaryFacets
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.mesh.morton import morton_codes
 
-__all__ = ["ContactAhead"]
-
 _SPLITS = {"line": ((0, 1),), "triangle": ((0, 2, 1),), "quad": ((0, 2, 1), (0, 3, 2))}
 _INSIDE = 1e-6  # share of a facet by which a node may be outside of it
 _AT_ONCE = 256  # the first pairs are tested before all others

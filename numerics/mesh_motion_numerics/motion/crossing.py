@@ -36,8 +36,6 @@ from mesh_motion_numerics.motion.boundary_nesting import (
 )
 from mesh_motion_numerics.motion.point_contact import meeting_place
 
-__all__ = ["NoMeshExists", "PossibleCrossing", "refuse_region"]
-
 
 class NoMeshExists(QualityRefused):
     """The boundary forbids every mesh: no correction, way or boundary layer can find one.

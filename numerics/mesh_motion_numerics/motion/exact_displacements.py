@@ -11,8 +11,6 @@ import numpy as np
 
 from mesh_motion_numerics.arrays import Floats, Integers
 
-__all__ = ["BoundaryDisplacement", "differences_of", "settle"]
-
 
 class BoundaryDisplacement(NamedTuple):
     """The requested motion: (k, d) start positions of the moving nodes, and their displacement (k, d) from there."""

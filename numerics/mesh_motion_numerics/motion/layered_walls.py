@@ -29,9 +29,6 @@ from mesh_motion_numerics.mesh.roles import Patch
 from mesh_motion_numerics.mesh.sliding import SlidingSurfaces
 from mesh_motion_numerics.motion.boundary_layer import BoundaryLayer
 
-__all__ = ["LayeredWalls"]
-
-
 #: Smallest ratio of the edges along the wall to the height of a thin cell.
 _THIN = 5.0
 #: Smallest share of a layered wall's nodes that have thin cells above them.

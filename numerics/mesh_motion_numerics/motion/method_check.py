@@ -21,8 +21,6 @@ from mesh_motion_numerics.mesh.points import bounding_box
 from mesh_motion_numerics.mesh.roles import BoundaryRoles
 from mesh_motion_numerics.method import Method
 
-__all__ = ["check_method"]
-
 #: Largest ratio between a length of the method and the extent of the mesh, either way.
 _EXTENTS = 1e12
 

@@ -45,9 +45,6 @@ from mesh_motion_numerics.quality.metrics import CellQuality, CellsAtRest, cell_
 from mesh_motion_numerics.quality.quality_summary import Judgement
 from mesh_motion_numerics.stopwatch import Stopwatch, check_time
 
-__all__ = ["MotionModel"]
-
-
 #: Smallest share of the minimum quality without a boundary layer that a motion with the layer must have.
 _AS_GOOD = 0.9
 #: Share of the threshold below which a mesh is nearly inverted, so that the layer is not worth keeping.

@@ -7,8 +7,6 @@ from mesh_motion_numerics.correction.correction import Correction
 from mesh_motion_numerics.interpolation.two_scale.interpolant import AnyInterpolant
 from mesh_motion_numerics.quality.quality_summary import Judgement
 
-__all__ = ["Motion"]
-
 
 @dataclass(frozen=True, eq=False)
 class Motion:

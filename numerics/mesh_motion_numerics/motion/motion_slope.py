@@ -31,8 +31,6 @@ from mesh_motion_numerics.motion.winding import Turns
 from mesh_motion_numerics.motion.winding_slope import WindingSlope
 from mesh_motion_numerics.stopwatch import Stopwatch
 
-__all__ = ["DifferentiableMesh", "MotionSlope", "PlainSlope", "motion_slope", "plain_slope", "why_no_slope"]
-
 
 @dataclass(frozen=True, eq=False)
 class MotionSlope:

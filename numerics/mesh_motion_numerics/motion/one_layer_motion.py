@@ -28,8 +28,6 @@ from mesh_motion_numerics.quality.headroom import Headroom
 from mesh_motion_numerics.quality.mesh_check import checked_mesh
 from mesh_motion_numerics.quality.quality_summary import Judgement
 
-__all__ = ["AS_A_PLANE", "OneLayerMotion", "OneLayerSlope", "motion_model"]
-
 #: The warning that such a mesh gets.
 AS_A_PLANE = "the mesh is one layer of cells between two parallel planes: it is moved in the plane, both sides alike"
 #: Displacements across the layer, and differences between its two planes, are rounding up to this share of the extent.

@@ -21,8 +21,6 @@ from mesh_motion_numerics.mesh.boundary_orientation import of_one_width
 from mesh_motion_numerics.mesh.points import spread
 from mesh_motion_numerics.mesh.smooth_pieces import area_vectors, as_simplices
 
-__all__ = ["meeting_place"]
-
 #: Places closer than this share of the facets' coordinates or sizes are one place.
 _SAME = 1e-13
 #: Directions that differ by less than this are not certainly different.

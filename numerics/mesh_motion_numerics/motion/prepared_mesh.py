@@ -29,8 +29,6 @@ from mesh_motion_numerics.quality.mesh_check import CheckedMesh, checked_mesh
 from mesh_motion_numerics.quality.metrics import AtRest, CellQuality, cells_at_rest
 from mesh_motion_numerics.quality.quality_summary import Judgement, judged_mesh, summarize
 
-__all__ = ["PreparedMesh"]
-
 #: Steps to the first inversion by straight ways, below which the end of the smooth correction is looked for.
 _SOON = 20.0
 

@@ -15,9 +15,6 @@ from mesh_motion_numerics.mesh.paths import RigidMotion
 from mesh_motion_numerics.mesh.sliding import ACROSS, SlidingSurfaces
 from mesh_motion_numerics.motion.standard_motion import StandardMotion
 
-__all__ = ["RigidSlope", "rigid_slope"]
-
-
 #: Singular values and eigenvalues below this share of the largest are 0.
 _ROUNDING = 1e-9
 

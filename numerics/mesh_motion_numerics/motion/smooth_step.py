@@ -23,8 +23,6 @@ from mesh_motion_numerics.correction.smooth_motion import Smoothed, SmoothMotion
 if TYPE_CHECKING:
     from mesh_motion_numerics.motion.standard_motion import StandardMotion
 
-__all__ = ["NOT_SMOOTH", "Followed", "LatestPlain", "PlainWay", "follow", "smooth_step", "unconverged"]
-
 NOT_SMOOTH = (
     "no mesh was found that is a smooth function of the boundary: this step is corrected by itself, and nodes may jump"
 )

@@ -64,9 +64,6 @@ from mesh_motion_numerics.motion.method_check import check_method
 from mesh_motion_numerics.reduction.reduced_motion import boundary_spacing, interpolate_reduced
 from mesh_motion_numerics.stopwatch import Stopwatch
 
-__all__ = ["StandardMotion", "StandardTrial"]
-
-
 #: A re-anchored motion has one sub-step for each such share of the domain's extent that a boundary node moves …
 _SUBSTEP_FRACTION = 0.025
 #: … and at most this many.

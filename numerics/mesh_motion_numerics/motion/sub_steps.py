@@ -14,9 +14,6 @@ from mesh_motion_protocol.errors import InvalidInput, QualityRefused
 
 from mesh_motion_numerics.arrays import Floats
 
-__all__ = ["Leg", "Walk", "furthest_walk", "walk"]
-
-
 _FIRST, _LONGEST, _SHORTEST = 1 / 4, 1 / 2, 1 / 8
 #: Largest number of legs of all ways together: a motion that reaches its end takes about four, and a refusal should not
 #: take much longer.

@@ -22,8 +22,6 @@ from dataclasses import dataclass
 
 from mesh_motion_numerics.arrays import Floats
 
-__all__ = ["STORED_ARRAYS", "TimeLevel", "level_after", "scheme_velocity"]
-
 #: Number of (n, d) arrays of earlier levels that a scheme needs.
 STORED_ARRAYS = {"": 0, "bdf2": 1, "bossak": 2}
 

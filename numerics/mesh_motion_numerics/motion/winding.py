@@ -44,18 +44,6 @@ from mesh_motion_numerics.decomposition import nearest_rotation
 from mesh_motion_numerics.mesh.paths import fit_rigid_motion
 from mesh_motion_numerics.motion.boundary_layer import BoundaryLayer
 
-__all__ = [
-    "UNWOUND",
-    "Turns",
-    "Winding",
-    "WindingBody",
-    "fitted_rotation",
-    "turned_on",
-    "winding_body",
-    "wound",
-    "wound_slope",
-]
-
 UNWOUND = "the mesh cannot be wound further: it continues from the smallest turn to the same boundary, and nodes jump"
 """The warning of a step that could not continue from the committed mesh's turn."""
 

@@ -18,8 +18,6 @@ from mesh_motion_numerics.arrays import Floats, Integers
 from mesh_motion_numerics.decomposition import nearest_rotation_slope
 from mesh_motion_numerics.motion.winding import Turns, Winding, fitted_rotation, wound, wound_slope
 
-__all__ = ["WindingSlope"]
-
 
 @dataclass(frozen=True, eq=False)
 class _Body:

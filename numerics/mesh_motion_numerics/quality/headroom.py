@@ -12,8 +12,6 @@ from mesh_motion_numerics.arrays import Floats, Integers
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.quality.metrics import AtRest, CellsAtRest, cell_quality
 
-__all__ = ["HORIZON", "Headroom", "headroom"]
-
 HORIZON = 100.0
 """Number of steps beyond which nothing is predicted."""
 _FIRST = 64  # number of cells that invert first; they and the worst cells decide when the threshold is reached

@@ -32,8 +32,6 @@ from mesh_motion_numerics.quality.metrics import cell_quality, reference_sizes
 from mesh_motion_numerics.quality.orientation import OrientedCells, oriented
 from mesh_motion_numerics.quality.quality_summary import judged_mesh
 
-__all__ = ["CheckedMesh", "checked_cells", "checked_mesh", "nodes_in_no_cell"]
-
 # A smaller skew is 0 up to rounding; cells of a boundary layer with aspect ratio 10⁶ have a skew of 10⁻⁶ and pass.
 _FLAT_SKEW = 1e-10
 # The correction takes high powers of the cells' determinants: with cells 10⁻³ as long as the mesh, its results change

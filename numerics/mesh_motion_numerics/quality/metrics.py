@@ -52,23 +52,6 @@ from numpy.typing import NDArray
 from mesh_motion_numerics.arrays import Floats, Integers, Marks, Shorts
 from mesh_motion_numerics.mesh.cells import CellTable, CellType
 
-__all__ = [
-    "METRIC_CODES",
-    "QUALITY_METRICS",
-    "WORST_CORNER",
-    "AtRest",
-    "CellQuality",
-    "CellsAtRest",
-    "cell_quality",
-    "cells_at_rest",
-    "corner_quality",
-    "reference_sizes",
-    "sizes_of",
-    "skews_of",
-    "subset_quality",
-]
-
-
 #: Name → formula of every quality metric.
 QUALITY_METRICS: dict[str, str] = {
     "size": "sign(τ) min(|τ|, 1/|τ|)",

@@ -15,8 +15,6 @@ from mesh_motion_numerics.arrays import Floats, Integers
 from mesh_motion_numerics.mesh.cells import CellBlock, CellTable
 from mesh_motion_numerics.quality.metrics import CellsAtRest, cells_at_rest, reference_sizes, subset_quality
 
-__all__ = ["OrientedCells", "oriented", "oriented_at_rest"]
-
 #: Node orders that turn a cell of each type into its mirror image.
 _MIRROR: dict[str, tuple[int, ...]] = {
     "line": (1, 0),

@@ -24,23 +24,6 @@ from mesh_motion_numerics.arrays import Floats, Integers
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.quality.metrics import AtRest, CellQuality, judged
 
-__all__ = [
-    "Distribution",
-    "Judgement",
-    "LowestQuality",
-    "Minimum",
-    "QualitySummary",
-    "WorstCell",
-    "distribution",
-    "judged_mesh",
-    "percentile_ranks",
-    "reported_metrics",
-    "smallest",
-    "summarize",
-    "worst_cells",
-]
-
-
 _PERCENTILES = (1, 5, 50)
 
 

@@ -17,8 +17,6 @@ from mesh_motion_numerics.arrays import Integers
 from mesh_motion_numerics.reduction.growing_set import GrowingSet, full_operations, full_weights
 from mesh_motion_numerics.reduction.problem import Progress, Reduced, ReductionProblem, lengths
 
-__all__ = ["default_groups", "greedy", "reduce", "select"]
-
 #: Smallest number of nodes in a group …
 _MIN_GROUP = 32
 #: … and largest number of groups.

@@ -14,8 +14,6 @@ from mesh_motion_numerics.arrays import Floats, Integers
 from mesh_motion_numerics.interpolation.factorizations.dense import PanelCholesky
 from mesh_motion_numerics.reduction.problem import ReductionProblem
 
-__all__ = ["LOST", "GrowingSet", "full_operations", "full_weights", "singular"]
-
 LOST = 64 * float(np.finfo(float).eps)
 """A pivot this small relative to φ(0) has no correct digit: its point is numerically equal to a selected one."""
 

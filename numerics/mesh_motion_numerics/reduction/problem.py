@@ -19,9 +19,6 @@ from mesh_motion_numerics.interpolation.kernels import DEFAULT_BASIS, Basis, bas
 from mesh_motion_numerics.interpolation.two_scale.interpolant import AnyInterpolant
 from mesh_motion_numerics.mesh.points import padded
 
-__all__ = ["Iterate", "Level", "Progress", "Reduced", "ReductionProblem", "lengths"]
-
-
 #: A level is an interpolant: weights on a subset of the boundary nodes, with its own support radius.
 Level = Interpolant
 

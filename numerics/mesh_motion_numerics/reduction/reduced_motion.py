@@ -42,9 +42,6 @@ from mesh_motion_numerics.mesh.neighbours import local_spacing
 from mesh_motion_numerics.method import Method
 from mesh_motion_numerics.reduction import REDUCTIONS, Reduced, ReductionProblem
 
-__all__ = ["BASIS", "boundary_spacing", "interpolate_reduced", "near_surface_radius"]
-
-
 #: An error below this share of the largest displacement is rounding: setting the nodes removes it.
 _ROUNDING = 1e-12
 BASIS = "wendland-c2"

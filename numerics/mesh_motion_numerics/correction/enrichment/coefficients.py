@@ -22,9 +22,6 @@ from mesh_motion_numerics.correction.free_region import NodeAdjacency, free_regi
 from mesh_motion_numerics.correction.trial_nodes import Polished, TrialMesh, polish
 from mesh_motion_numerics.mesh.cells import CellTable
 
-__all__ = ["optimised_enrichment", "optimised_placement"]
-
-
 WHOLE_CELLS = 100_000
 """Meshes up to this size are optimised as a whole: with 90 000 cells in half the time of the working sets."""
 

@@ -15,9 +15,6 @@ import numpy as np
 from mesh_motion_numerics.arrays import Floats
 from mesh_motion_numerics.decomposition import deformation, eigen
 
-__all__ = ["INCREMENT", "eigen_correction"]
-
-
 INCREMENT = 0.1
 """The thesis' constant: the new value of a factor ≤ 0, and also the gain of the smaller factor."""
 

@@ -32,8 +32,6 @@ from mesh_motion_numerics.quality.metrics import cell_quality
 if TYPE_CHECKING:
     from mesh_motion_numerics.correction.correction_problem import CorrectionProblem
 
-__all__ = ["ExplicitResult", "ExplicitSettings", "Iterate", "Trial", "explicit_iterations"]
-
 
 @dataclass(frozen=True, kw_only=True)
 class ExplicitSettings:

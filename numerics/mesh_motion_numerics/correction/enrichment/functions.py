@@ -16,8 +16,6 @@ import numpy as np
 
 from mesh_motion_numerics.arrays import Floats
 
-__all__ = ["ENRICHMENT_FUNCTIONS", "gradients", "slope_at_point", "values"]
-
 
 def _h1(xi: Floats, _radius: float) -> tuple[Floats, Floats]:
     """H1_m = ρ_m f(ξ): f and f'(ξ)/ξ."""

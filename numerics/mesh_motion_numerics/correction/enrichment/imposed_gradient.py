@@ -27,14 +27,6 @@ from mesh_motion_numerics.interpolation.kernels import (
     values,
 )
 
-__all__ = [
-    "EnrichedInterpolant",
-    "ImposedGradient",
-    "bracketing_slopes",
-    "enriched_displacement",
-    "solve_imposed_gradient",
-]
-
 
 @dataclass(frozen=True)
 class ImposedGradient:

@@ -36,9 +36,6 @@ from mesh_motion_numerics.mesh.cells import CellTable
 if TYPE_CHECKING:
     from mesh_motion_numerics.correction.correction_problem import CorrectionProblem
 
-__all__ = ["ImposedJacobians", "ImposedSettings", "cell_gradients", "impose", "imposed_jacobians"]
-
-
 #: Penalty on the coefficients, relative to the slope of a function at its point. Values from 0.01 to 0.1 work about
 #: equally well; without a penalty neighbouring points oppose each other until cells invert.
 PENALTY = 0.05

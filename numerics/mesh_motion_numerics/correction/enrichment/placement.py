@@ -16,15 +16,6 @@ from mesh_motion_numerics.arrays import Floats, Integers, Marks
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.quality.quality_summary import smallest
 
-__all__ = [
-    "Placement",
-    "gap_middle",
-    "local_minima",
-    "spread_placement",
-    "worst_cell",
-]
-
-
 #: Cells below this quality are candidates …
 BAD_QUALITY = 0.4
 #: … and at least this number of cells for each point.

@@ -34,8 +34,6 @@ from mesh_motion_numerics.interpolation.factorizations.sparse import SparseFacto
 from mesh_motion_numerics.interpolation.kernels import Basis
 from mesh_motion_numerics.mesh.points import padded
 
-__all__ = ["choose_solver", "dense_solver"]
-
 #: Largest order for which "auto" makes a dense factor: there it costs as much as three iterative solutions.
 _DENSE_ORDER = 10_000
 #: Smallest order for which another solver is useful; below it the dense solver takes almost no time.

@@ -23,8 +23,6 @@ from mesh_motion_numerics.interpolation.kernels import Basis
 from mesh_motion_numerics.interpolation.polynomial import LinearBasis, Polynomial
 from mesh_motion_numerics.mesh.points import padded
 
-__all__ = ["NullSpaceCholesky"]
-
 
 class NullSpaceCholesky:
     """Weights and polynomial coefficients of a basis that is definite only with a polynomial.

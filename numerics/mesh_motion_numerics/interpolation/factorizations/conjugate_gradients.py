@@ -12,8 +12,6 @@ import numpy as np
 
 from mesh_motion_numerics.arrays import Floats
 
-__all__ = ["Iterated", "conjugate_gradients"]
-
 
 class Iterated(NamedTuple):
     """The result of the iterations: solution and recurrences' residual (n, k), and the number of iterations."""

@@ -14,9 +14,6 @@ from scipy.linalg import lapack
 from mesh_motion_numerics.arrays import Floats
 from mesh_motion_numerics.blas import for_each_tile, one_blas_thread
 
-__all__ = ["PanelCholesky"]
-
-
 #: Columns per panel: wide enough for full speed of the products, narrow enough that the diagonal blocks cost little.
 _PANEL = 512
 #: Rows per tile: one task of one thread.

@@ -17,9 +17,6 @@ from mesh_motion_numerics.interpolation.factorizations.conjugate_gradients impor
 from mesh_motion_numerics.interpolation.factorizations.preconditioner import SparseInverse
 from mesh_motion_numerics.interpolation.kernels import Basis
 
-__all__ = ["ConjugateGradients"]
-
-
 #: Relative residual of the recurrences at which the iterations end: boundary values are then exact to 1e-12 in the
 #: maximum norm, unless rounding prevents it.
 _TOLERANCE = 1e-13

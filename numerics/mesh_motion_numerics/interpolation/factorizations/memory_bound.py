@@ -9,8 +9,6 @@ import math
 
 from mesh_motion_protocol.errors import ResourceExhausted
 
-__all__ = ["FACTOR_BYTES", "check_dense", "check_sparse", "dense_bytes", "sparse_bytes"]
-
 #: 4 GiB: a dense factor of order 32 768.
 FACTOR_BYTES = 1 << 32
 #: Bytes of a stored entry: a value and its column.

@@ -21,8 +21,6 @@ from mesh_motion_numerics.interpolation.factorizations.thinning import nearest_p
 from mesh_motion_numerics.interpolation.kernels import Basis
 from mesh_motion_numerics.interpolation.sparse_rows import SparseRows
 
-__all__ = ["SparseInverse"]
-
 
 class SparseInverse:
     """``z = Gᵀ G r`` for the points of one interpolation matrix.

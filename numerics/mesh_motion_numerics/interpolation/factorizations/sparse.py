@@ -12,8 +12,6 @@ from scipy.sparse.linalg import splu
 from mesh_motion_numerics.arrays import Floats, Integers
 from mesh_motion_numerics.blas import one_blas_thread
 
-__all__ = ["SparseFactor"]
-
 #: Bytes of a stored entry of the factors: a value and its row.
 _BYTES_AN_ENTRY = 12
 

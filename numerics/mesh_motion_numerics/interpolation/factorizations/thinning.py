@@ -9,8 +9,6 @@ from scipy.spatial import cKDTree
 
 from mesh_motion_numerics.arrays import Floats, Integers
 
-__all__ = ["nearest_preceding", "nested_levels"]
-
 #: Spacings down to 2⁻⁴⁸ of the extent; closer points count as one level, in their own order.
 _MAX_LEVELS = 48
 

@@ -12,9 +12,6 @@ import numpy as np
 
 from mesh_motion_numerics.arrays import Floats, Integers
 
-__all__ = ["MARGIN", "Box", "nested_boxes"]
-
-
 #: Number of cells along the longest side of the domain on the coarsest level.
 _CELLS = 32
 #: Number of cells of a box beyond its coarse points.

@@ -12,9 +12,6 @@ from scipy.spatial import cKDTree
 
 from mesh_motion_numerics.arrays import Floats, Integers, Marks
 
-__all__ = ["coarse_points", "separated_points"]
-
-
 _MOVING_SHARE = 0.6
 
 

@@ -35,21 +35,6 @@ from mesh_motion_numerics.interpolation.sparse_rows import Elimination, SparseCh
 from mesh_motion_numerics.interpolation.two_scale.coarse_points import separated_points
 from mesh_motion_numerics.mesh.points import padded
 
-__all__ = [
-    "BASIS",
-    "LEVEL_RADII",
-    "LEVEL_RATIO",
-    "CompactLevel",
-    "CompactSystem",
-    "compact_levels",
-    "largest",
-    "levels_below",
-    "levels_of_all",
-    "nested_members",
-    "scales_of_all",
-]
-
-
 BASIS = basis_named("wendland-c2")
 """The basis of the levels for every coarse field: compact, positive definite, with a gradient at its centres."""
 

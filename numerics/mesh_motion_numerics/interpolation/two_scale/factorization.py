@@ -56,8 +56,6 @@ from mesh_motion_numerics.mesh.points import padded
 from mesh_motion_numerics.mesh.roles import BoundaryRoles
 from mesh_motion_numerics.method import Method
 
-__all__ = ["AUTOMATIC_FROM", "SEPARATION", "TwoScaleFactorization", "TwoScalePlan", "plan_for", "plans_for"]
-
 AUTOMATIC_FROM = 1000
 """Number of control nodes above which the coarse field has few of them and is a spline on a grid. With 1300 control
 nodes and 98 000 nodes in 2D a step takes a quarter of the time with all of them, with 5900 and 50 000 in 3D a

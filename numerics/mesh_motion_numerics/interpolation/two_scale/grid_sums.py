@@ -22,9 +22,6 @@ from mesh_motion_numerics.interpolation.centres import CentreLayout
 from mesh_motion_numerics.interpolation.interpolant import Interpolant
 from mesh_motion_numerics.interpolation.two_scale.nested_grid import NestedGrid
 
-__all__ = ["grid_sums", "on_grid", "on_grid_transposed"]
-
-
 #: Number of Chebyshev points along an axis of a block, for its farthest and nearest far centres.
 _LEAST, _ORDER = 4, 8
 #: Distance in half widths from a block's middle beyond which a centre is far. At this distance the interpolation error

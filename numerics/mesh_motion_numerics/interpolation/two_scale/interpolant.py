@@ -5,8 +5,6 @@ from dataclasses import dataclass
 from mesh_motion_numerics.interpolation.interpolant import Interpolant
 from mesh_motion_numerics.interpolation.two_scale.nested_grid import NestedSpline
 
-__all__ = ["AnyInterpolant", "TwoScaleInterpolant"]
-
 
 @dataclass(frozen=True, eq=False)
 class TwoScaleInterpolant:

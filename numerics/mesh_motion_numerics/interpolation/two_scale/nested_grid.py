@@ -21,9 +21,6 @@ from numpy.typing import NDArray
 from mesh_motion_numerics.arrays import Floats, Integers
 from mesh_motion_numerics.interpolation.two_scale.boxes import Box
 
-__all__ = ["NestedGrid", "NestedSpline"]
-
-
 #: Number of layers with the parent's coefficients: those that give a cubic spline's value, slope and curvature at the
 #: rim; and number of layers over which they are blended into the box's own.
 _RIM, _BLEND = 3, 3

@@ -22,8 +22,6 @@ from scipy.special import j0
 from mesh_motion_numerics.arrays import Floats
 from mesh_motion_numerics.interpolation.kernels import Basis, values
 
-__all__ = ["Smoothing"]
-
 #: Least number of panels of a Gauss rule from 0 to R, and its points in a panel, which has at most one wave. The panels
 #: end where functions of several scales have their kinks.
 _PANELS, _POINTS = 64, 24
