@@ -43,12 +43,12 @@ _WITH_NUMBERS = ("UPLOAD", "MOVE")
 #: State → what gets furthest there.
 _ADMITTED = {"NEW": ("UPLOAD",), "OPENING": ("UPLOAD", "UPLOAD", "UPLOAD", "BUILD"), "READY": ("MOVE",),
              "TRIAL": ("MOVE", "MOVE", "COMMIT", "ROLLBACK")}  # fmt: skip
-#: Seldom what changes the state for long: OPEN, RESUME, CLOSE.
+#: Requests that change the state for long are rare: OPEN, RESUME, CLOSE.
 _CONTROL_WEIGHTS = (4, 1, 1, 4, 4, 2)
 _DATA_WEIGHTS = (*(6,) * 12, 1, 2)
-#: Messages of a scene, and the share of them that is changed as bytes too.
+#: Number of messages of a scene, and the share of messages whose bytes are changed too.
 _MESSAGES, _RAW = 250, 0.01
-#: Before memory is looked at, every other scene with the numerics themselves: what is made once is made then.
+#: Number of first scenes, every other one with the real numerics: objects that are made once exist after them.
 _LEAST_WARM_UP = 3000
 #: Seconds of processor time that one message may take: ten thousand times the usual.
 _MOST_SECONDS = 2.0

@@ -28,9 +28,9 @@ from tests.faults.waiting import PATIENCE, wait_until
 
 #: A manifest of two partitions is full after some 250 commits.
 _MOST_COMMITS = 400
-#: How often a task is done until the planned passage comes: what runs in the background comes at its own time.
+#: How often a task is done until the planned passage comes: work in the background comes at its own time.
 _TRIES = 4
-#: Points in the process that is the server: after a kill there the check has to start it again.
+#: Points in the server's own process: after a kill at one of them the check must start the server again.
 _SUPERVISOR = ("supervisor.", "store.list", "store.sweep")
 
 

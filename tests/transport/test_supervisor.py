@@ -279,7 +279,7 @@ def test_a_close_that_was_answered_while_the_supervisor_was_busy_shows_in_the_li
         os.kill(server.process.pid, signal.SIGSTOP)
         try:
             data.ask(Move, **at, step=1, frame="reference", displacement=ONES)
-            data.ask(Commit, **at, step=1)  # a report of the worker that waits before that of the end
+            data.ask(Commit, **at, step=1)  # the worker's report of this step waits before its report of the end
             assert data.ask(Close, **at, outcome="discard").type == "CLOSED"
             control.send(List)
             time.sleep(0.1)  # the gateway has passed it on

@@ -83,7 +83,7 @@ def _row(problem: ReductionProblem, printed: Printed, points: int) -> list[Cell]
 
 
 def run(quick: bool) -> Outcome:
-    """Few nodes, so that the cost of weights, which the table shows, exceeds that of errors."""
+    """Compare the costs on few nodes: there the weights, which the table shows, cost more than the errors."""
     problem, points = (surface_problem(0.03), 160) if quick else (surface_problem(0.02), 1000)
     REDUCTIONS["greedy"](_bounded(problem, 4))  # code is loaded once
     rows = [_row(problem, printed, points) for printed in PRINTED]

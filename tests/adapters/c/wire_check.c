@@ -1,8 +1,12 @@
 /* Puts frames to the client's decoder.
  *
- *     wire_check < FRAMES                 each line, frames as hexadecimal text
- * with blanks between them: what it is wire_check COUNT SEED < FRAMES COUNT
- * mutations of these lines: nothing may be touched that is not there */
+ *     wire_check < FRAMES
+ *     wire_check COUNT SEED < FRAMES
+ *
+ * Each line of FRAMES is a message: frames as hexadecimal text, with blanks
+ * between them. The first form prints a line for each: empty, or WRONG and the
+ * reason. The second decodes COUNT mutations of these lines: the decoder must
+ * not read or write outside a message. */
 #include "mesh_motion.h"
 #include "mm_wire.h"
 

@@ -75,7 +75,7 @@ class VolumeProblem:
         return float(np.sqrt(np.max(np.sum(self.displacement**2, axis=1))))
 
     def reach(self, displacements: float, bodies: float) -> float:
-        """The length, or without one the larger of two multiples: of the largest displacement and of the body size."""
+        """The length if it is given; else the larger of multiples of the displacement and of the body's size."""
         if self.length is not None:
             return self.length
         body = float(np.ptp(self.boundary[self.moving], axis=0).max())
