@@ -133,9 +133,9 @@ class Method:
         "threshold and no target, and layers of thin cells, and first cells at plane bodies, always move with their "
         "wall. The others correct a motion that is predicted below the threshold; layers move with their wall if they "
         "would lose their quality. "
-        'Default: `"smooth"`, unless a key asks for what only `"optimised"` has (a displacement `"relative"`, another '
-        'metric, a target, a reduction). A motion for which `"smooth"` finds no mesh is corrected as `"optimised"` '
-        "does, with a warning.",
+        'Default: `"smooth"`, unless a key needs a feature that only `"optimised"` has (a displacement `"relative"`, '
+        'another metric, a target, a reduction). A motion for which `"smooth"` finds no mesh is corrected as '
+        '`"optimised"` does, with a warning.',
         '`"smooth"` suits coupled runs: node velocities without jumps (geometric conservation), the same mesh for the '
         'same boundary after any number of steps. `"optimised"` frees trial nodes as needed and reaches most in one '
         'step; `"enrichment"` optimises the coefficients of few '
