@@ -23,7 +23,7 @@ import mesh_motion_kernels as kernels
 import numpy as np
 from numpy.typing import NDArray
 
-from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_numerics.arrays import Floats, Integers, Shorts
 from mesh_motion_numerics.correction.distortion import CornerSimplices, PNorm
 from mesh_motion_numerics.mesh.cells import CellTable, CellType
 from mesh_motion_numerics.quality.metrics import AtRest, sizes_of, skews_of, uses_angles
@@ -44,7 +44,7 @@ class CellGroup:
     """
 
     type: CellType
-    nodes: NDArray[np.int32]
+    nodes: Shorts
     reference_sizes: Floats
     ideal: Floats
     offset: Floats

@@ -37,7 +37,7 @@ import mesh_motion_kernels as kernels
 import numpy as np
 from numpy.typing import NDArray
 
-from mesh_motion_numerics.arrays import Floats, Integers, Marks
+from mesh_motion_numerics.arrays import Floats, Integers, Marks, Shorts
 from mesh_motion_numerics.mesh.cells import CellTable, CellType
 from mesh_motion_numerics.quality.metrics import AtRest, sizes_of, skews_of
 
@@ -96,7 +96,7 @@ class CornerSimplices:
         angles count.
     """
 
-    nodes: NDArray[np.int32]
+    nodes: Shorts
     ideal: Floats
     offset: Floats | None = None
     angles: Floats = field(default_factory=lambda: np.empty(0))
@@ -167,7 +167,7 @@ def corner_simplices(
 
 
 def _ideal_maps(
-    reference: Floats, corners: NDArray[np.int32], dets: Floats, cell_type: CellType, itself: Marks
+    reference: Floats, corners: Shorts, dets: Floats, cell_type: CellType, itself: Marks
 ) -> tuple[Floats, Floats]:
     """(c, d, d) maps P of the corners (c, d + 1) of one cell type, and their obliqueness (c,) at rest.
 

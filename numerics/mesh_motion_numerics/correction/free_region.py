@@ -13,7 +13,7 @@ import mesh_motion_kernels as kernels
 import numpy as np
 from numpy.typing import NDArray
 
-from mesh_motion_numerics.arrays import Floats, Integers, Marks
+from mesh_motion_numerics.arrays import Floats, Integers, Marks, Shorts
 from mesh_motion_numerics.correction.cell_distortion import CellGroup, cell_groups
 from mesh_motion_numerics.correction.distortion import CornerSimplices, corner_simplices
 from mesh_motion_numerics.mesh.cells import CellTable
@@ -41,13 +41,13 @@ class NodeAdjacency:
     """
 
     starts: Integers
-    entries: NDArray[np.int32]
-    slots: NDArray[np.int32]
+    entries: Shorts
+    slots: Shorts
     row_starts: Integers
-    columns: NDArray[np.int32]
+    columns: Shorts
 
     @cached_property
-    def aggregates(self) -> NDArray[np.int32]:
+    def aggregates(self) -> Shorts:
         """For each free node (f) the group of neighbours that moves as one on the solver's coarse level."""
         n_free, most = len(self.row_starts) - 1, _AGGREGATES[self.slots.shape[1] - 1]
         size = max(_LEAST_AGGREGATE, math.ceil(n_free / most))
@@ -85,8 +85,8 @@ class CellAdjacency:
     """
 
     starts: Integers
-    entries: NDArray[np.int32]
-    slots: NDArray[np.int32]
+    entries: Shorts
+    slots: Shorts
 
     def add(self, blocks: NDArray[np.float32], hessian: Floats) -> None:
         """Add the cells' blocks (m, k², d²) to the Hessian (b, d, d)."""

@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 from mesh_motion_protocol.errors import InvalidInput
-from numpy.typing import NDArray
 
+from mesh_motion_numerics.arrays import Floats, Integers
 from mesh_motion_numerics.distributed.order_statistics import BINS, WHOLE, BinContent, Way
 from mesh_motion_numerics.distributed.summaries import PartialSummary, Questions, joined
 from mesh_motion_numerics.mesh.cells import CELL_TYPES
@@ -139,7 +139,7 @@ def require(good: bool, expected: str) -> None:
         raise ValueError(expected)
 
 
-def _content(bins: NDArray[np.int64], values: NDArray[np.float64]) -> BinContent:
+def _content(bins: Integers, values: Floats) -> BinContent:
     """Read one bin: its parts with their counts, and its values if all of them were sent."""
     repeated = values[:, 2].astype(np.int64)
     whole = int(repeated.sum()) == int(bins[:, 2].sum())

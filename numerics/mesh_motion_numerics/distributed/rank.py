@@ -12,7 +12,7 @@ import numpy as np
 from mesh_motion_protocol.errors import InvalidInput
 from numpy.typing import NDArray
 
-from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_numerics.arrays import Floats, Integers, Shorts
 from mesh_motion_numerics.correction.free_region import cells_of_nodes, nodes_of_cells
 from mesh_motion_numerics.correction.trial_nodes import signed
 from mesh_motion_numerics.distributed.counted_cells import CountedCells
@@ -67,7 +67,7 @@ class Rank:
         self._moved = np.empty_like(points)  # reused: allocating new memory takes half the time of judging
 
     @property
-    def facets(self) -> dict[str, NDArray[np.int32]]:
+    def facets(self) -> dict[str, Shorts]:
         """(f, k) facets of the boundary of this partition, by type, pointing outwards, in rows of :attr:`nodes`."""
         found = boundary_facets(self._cells).items()
         nodes = self.nodes[: self._boundary]

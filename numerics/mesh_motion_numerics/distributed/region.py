@@ -11,9 +11,8 @@ from dataclasses import dataclass
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
-from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_numerics.arrays import Floats, Integers, Marks
 from mesh_motion_numerics.correction.free_region import cells_of_nodes, grow, nodes_of_cells
 from mesh_motion_numerics.distributed.judging import reading, require
 from mesh_motion_numerics.mesh.cells import CELL_TYPES, CellTable
@@ -47,7 +46,7 @@ class Region:
 
     extent: Extent
     ids: Integers  # (r,). Global ids of the nodes
-    whole: NDArray[np.bool_]  # (r,) bool. Whether all cells of the rank at the node are sent
+    whole: Marks  # (r,) bool. Whether all cells of the rank at the node are sent
     #: points, positions: (r, d), mesh length unit. Coordinates in the reference mesh, and after the field's
     #: displacement
     points: Floats
@@ -145,7 +144,7 @@ def region_fields(
     )
 
 
-def _extremes(quality: CellQuality, chosen: NDArray[np.bool_], metric: str) -> tuple[float, float]:
+def _extremes(quality: CellQuality, chosen: Marks, metric: str) -> tuple[float, float]:
     """The smallest relative skew, if the metric uses it, and the smallest size of the chosen (m,) cells."""
     size = float(np.min(quality.size, where=chosen, initial=1.0))
     if metric != "relative-size-skew":

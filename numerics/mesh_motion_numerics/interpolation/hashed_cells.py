@@ -10,12 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import mesh_motion_kernels as kernels
-import numpy as np
-from numpy.typing import NDArray
 
-from mesh_motion_numerics.arrays import Floats, Integers
-
-Shorts = NDArray[np.int32]
+from mesh_motion_numerics.arrays import Floats, Integers, Shorts
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,7 +6,6 @@ from typing import NamedTuple
 
 import mesh_motion_kernels as kernels
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from mesh_motion_numerics.arrays import Floats, Integers, Shorts
@@ -49,7 +48,7 @@ class Elimination(NamedTuple):
     rows: Shorts  # (e,)
 
     @classmethod
-    def of(cls, starts: Integers, columns: NDArray[np.int32], places: Floats) -> Elimination:
+    def of(cls, starts: Integers, columns: Shorts, places: Floats) -> Elimination:
         """Choose it for a symmetric pattern in compressed rows, for nodes at places (n, d)."""
         return cls(*kernels.elimination(starts, columns, np.ascontiguousarray(places)))
 
@@ -63,7 +62,7 @@ class SparseCholesky(NamedTuple):
 
     @classmethod
     def build(
-        cls, starts: Integers, columns: NDArray[np.int32], blocks: Floats, elimination: Elimination
+        cls, starts: Integers, columns: Shorts, blocks: Floats, elimination: Elimination
     ) -> SparseCholesky | None:
         """Factorize the matrix with these blocks (b, d, d); None if it is not positive definite."""
         shape = blocks.shape[1:]

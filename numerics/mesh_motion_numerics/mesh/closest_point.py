@@ -9,10 +9,9 @@ from collections.abc import Iterator
 
 import mesh_motion_kernels as kernels
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_numerics.arrays import Floats, Integers, Marks
 from mesh_motion_numerics.mesh.points import padded
 
 
@@ -116,7 +115,7 @@ def nearest_within(corners: Floats, points: Floats, distance: float) -> tuple[Fl
     return places, facets
 
 
-def are_within(corners: Floats, points: Floats, distance: float) -> NDArray[np.bool_]:
+def are_within(corners: Floats, points: Floats, distance: float) -> Marks:
     """(n,) whether points (n, d) are within a distance of facets (f, 2 or 3, d) of any sizes."""
     near, (facets, width, d) = np.zeros(len(points), dtype=bool), corners.shape
     spatial = padded(corners.reshape(-1, d)).reshape(facets, width, 3)
