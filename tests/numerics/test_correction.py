@@ -152,7 +152,7 @@ def squeezed_line(distance: float = 0.15) -> CorrectionProblem:
 
 def test_one_dimension_the_thesis_and_the_optimum() -> None:
     problem = squeezed_line()
-    choices = {"quality_metric": "size", "quality_threshold": 0.3, "enrichment_radius": 1.0}
+    choices = {"quality_metric": "size", "quality_threshold": 0.3, "support_radius": 0.2, "enrichment_radius": 1.0}
     with pytest.raises(QualityRefused):
         correct(problem, settings("enrichment", max_enrichment_points=0, **choices))
     thesis = correct(problem, settings("imposed-gradient", **choices))
