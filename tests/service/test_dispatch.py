@@ -26,11 +26,12 @@ def test_iterations_start_from_the_committed_state_and_share_a_factorization(rea
 
 def test_status(ready: Any) -> None:
     ready.advance(1)
-    ready.move(2)
+    moved = ready.move(2)[0]
     report = ready.ask(Status)
     assert (report.state, report.step, report.iteration, report.waiting_for) == ("TRIAL", 1, 1, [])
     assert report.report["replies"]["MOVED"] == 2
     assert report.report["caches"]["factorization"]["made"] == 2
+    assert 0 < moved.caches["bytes"]["factorization"] == report.report["caches"]["factorization"]["bytes"]
     assert report.report["quality"]["cells"] == 32
     assert report.report["peak_memory_bytes"] > 1e6
 
