@@ -20,6 +20,7 @@ __all__ = [
 #: Accuracy of a fraction that a bisection finds, as a share of it: for an estimate, and for what takes longer to test.
 #: They are not 1/64 and 1/32 because fractions are rounded down to thousandths.
 _FINE, _COARSE = 1 / 60, 1 / 31
+#: No smaller fraction is looked for.
 _LEAST = 0.004
 #: A fraction that is valid without a correction, and is enough even where steps are corrected anyway.
 _ENOUGH = 0.25
@@ -120,7 +121,7 @@ def largest_accepted(
     """
     low = 0.0 if expected is None else _bisected(expected, 1.0, _FINE)
     if not low or not valid(low):
-        low = _bisected(valid, low or 1.0, _COARSE)
+        low = _bisected(valid, low or 1.0, _COARSE) if valid(_LEAST) else 0.0
     if not corrected:
         return low
     most, shares = 1.0, _SHARES
@@ -141,10 +142,8 @@ def largest_accepted(
 
 def _bisected(holds: Callable[[float], bool], high: float, accuracy: float) -> float:
     """The largest fraction found at which a condition holds that does not hold at ``high``; 0 if there is none."""
-    low, above = round(1000 * _LEAST), round(1000 * high)  # thousandths
-    if not holds(_LEAST):
-        return 0.0
-    while above - low > max(accuracy * above, 1):
+    low, above = 0, round(1000 * high)  # thousandths
+    while above > 1000 * _LEAST and above - low > max(accuracy * above, 1):
         middle = (low + above) // 2
         low, above = (middle, above) if holds(middle / 1000) else (low, middle)
     return low / 1000
