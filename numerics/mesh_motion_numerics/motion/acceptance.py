@@ -124,11 +124,11 @@ def largest_accepted(
         low = _bisected(valid, low or 1.0, _COARSE) if valid(_LEAST) else 0.0
     if not corrected:
         return low
-    most, shares = 1.0, _SHARES
+    most, shares = 1.0, list(_SHARES)
     if not whole:
         if low >= _ENOUGH or (low and settled()):
             return low
-        most, shares = _bisected(possible, 1.0, _FINE), _SHARES[:1]
+        most, shares = _bisected(possible, 1.0, _FINE), shares[:1]
         nearly = _thousandths(_NEARLY * most)
         if nearly > low and accepts(nearly):
             return nearly
