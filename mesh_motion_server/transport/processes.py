@@ -32,6 +32,7 @@ _PR_SET_PDEATHSIG = 1
 _PR_SET_NAME = 15
 _PR_SET_CHILD_SUBREAPER = 36
 _M_ARENA_MAX = -8
+_STOP = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
 #: A child must end within this time after its line is closed, and again after SIGKILL, seconds.
 _END_SECONDS = 5.0
 #: Priority for the kernel's OOM killer, from -1000 to 1000; 0 is usual.
@@ -137,7 +138,7 @@ def spawn(module: str, *arguments: str, threads: int = 1, fresh: bool = False) -
 
     with line:
         # a signal between the fork and the child's own handlers would reach the supervisor
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGTERM, signal.SIGINT))
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, _STOP)
         try:
             pid = os.fork()
             if not pid:
@@ -153,7 +154,7 @@ def _begin(supervisor: int, line: int) -> None:
     signal.set_wakeup_fd(-1)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     _die_with(supervisor)
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, (signal.SIGTERM, signal.SIGINT))
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, _STOP)
     null = os.open(os.devnull, os.O_RDWR)
     os.dup2(null, 0)
     os.dup2(null, 1)
@@ -266,10 +267,11 @@ def name_process(role: str) -> None:
 def _die_with(parent: int) -> None:
     """Let the kernel kill this process when its parent dies for any reason.
 
-    On systems other than Linux the closed channel ends it after the current request. Ctrl-C in the terminal is left to
-    the supervisor.
+    On systems other than Linux the closed channel ends it after the current request. Ctrl-C in the terminal, and the
+    end of the terminal, are left to the supervisor.
     """
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    for number in (signal.SIGINT, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)
     _prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
     if os.getppid() != parent:
         os._exit(0)  # the parent died before the call above took effect
@@ -330,6 +332,11 @@ def _mapped_bytes() -> int:
             return int(statm.read().split()[0]) * resource.getpagesize()
     except OSError:
         return 0
+
+
+def stop_signals() -> list[signal.Signals]:
+    """The signals that end a server in order: not SIGHUP if it is ignored, as ``nohup`` starts a program."""
+    return [number for number in _STOP if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN]
 
 
 def wake_on_signals(*signals: signal.Signals) -> socket.socket:

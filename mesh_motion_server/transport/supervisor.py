@@ -28,7 +28,7 @@ from mesh_motion_server.transport.attendant import Attendant
 from mesh_motion_server.transport.control import Control
 from mesh_motion_server.transport.endpoints import Endpoint, EndpointError
 from mesh_motion_server.transport.gateway_line import GatewayLine
-from mesh_motion_server.transport.processes import Child, adopt_orphans, fork, spawn, wake_on_signals
+from mesh_motion_server.transport.processes import Child, adopt_orphans, fork, spawn, stop_signals, wake_on_signals
 from mesh_motion_server.transport.protection import Protection
 from mesh_motion_server.transport.registry import Registry
 from mesh_motion_server.transport.telemetry import log
@@ -121,11 +121,11 @@ class Supervisor:
         self._template = self._next_template()
         self._disk.ask()  # its address space would be added to the limit of children forked later
         # a reader of the ready line may stop the server at once
-        self._listen(wake_on_signals(signal.SIGTERM, signal.SIGINT), self._signalled)
+        self._listen(wake_on_signals(*stop_signals()), self._signalled)
         return {"endpoint": self._gateway.endpoint} | {of.name: of.address for of in self._watch.attendants}
 
     def run(self, lifeline: int | None = None) -> int:
-        """Serve until SIGTERM, SIGINT or the end of ``lifeline``, then drain; returns the exit status."""
+        """Serve until SIGTERM, SIGINT, SIGHUP or the end of ``lifeline``, then drain; returns the exit status."""
         if lifeline is not None:
             self._listen(lifeline, self._lifeline_ended)
         while not self._finished():
@@ -164,8 +164,8 @@ class Supervisor:
         return max(0.0, min(d for d in deadlines if d is not None) - time.monotonic())
 
     def _signalled(self, source: socket.socket) -> None:
-        for _ in source.recv(64):
-            self._signals += 1
+        for number in source.recv(64):
+            self._signals += number != signal.SIGHUP  # a terminal that is closed sends it more than once
             self._drain("signal")
         if self._signals > 1:
             self._kill_workers()

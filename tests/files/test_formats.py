@@ -511,6 +511,18 @@ def test_med_and_exodus_files_that_do_not_fit(tmp_path: Path) -> None:
             "*NSET, NSET=n, GENERATE\n1, 3000000000, 1\n*SURFACE",
             "more than 50000000 numbers from 1 to",
         ),
+        (
+            abaqus,
+            "*SURFACE",
+            "*NSET, NSET=n, GENERATE\n1, 4, 0\n*SURFACE",
+            "an increment of 0, expected at least 1",
+        ),
+        (
+            abaqus,
+            "*SURFACE",
+            "*NSET, NSET=n, GENERATE\n4, 1, -1\n*SURFACE",  # an empty set, without a word
+            "an increment of -1, expected at least 1",
+        ),
         (kratos, "\n27 ", "\n28 ", "node 27 is named, but does not exist"),
         (kratos, "\n24\n", "\n25\n", "names condition 25, which is not there"),
         (kratos, "End Elements", "End Conditions", "line 43: 'End Conditions' ends a block that is not open"),

@@ -45,31 +45,46 @@ def test_a_large_motion_is_corrected_before_any_node_moves() -> None:
     assert np.array_equal(motion.points[fixed], model.points[fixed])
 
 
-@pytest.mark.parametrize(("degrees", "shift"), [(0.0, (0.7, 0.0)), (0.0, (900.0, 0.0)), (170.0, (0.0, 0.0))])
-def test_a_refusal_without_a_correction_takes_one_plain_motion(
-    degrees: float, shift: tuple[float, float], monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(
+    ("correction", "outer", "degrees", "shift", "motions"),
+    [
+        ("none", "fixed", 0.0, (0.7, 0.0), 1),
+        ("none", "fixed", 0.0, (900.0, 0.0), 1),
+        ("none", "fixed", 170.0, (0.0, 0.0), 1),
+        ("smooth", "fixed", 0.0, (0.7, 0.0), 1),
+        ("smooth", "fixed", 3.0, (0.65, 0.02), 1),
+        ("smooth", "slip", 3.0, (0.65, 0.02), 3),  # not linear: the fraction's motion is made too, with held walls too
+    ],
+)
+def test_a_refusal_takes_few_plain_motions(
+    correction: str,
+    outer: str,
+    degrees: float,
+    shift: tuple[float, float],
+    motions: int,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """That to its targets: it shows what lies between."""
-    model = model_of(correction="none")
+    """That to its targets shows what lies between."""
+    model = model_of(square_frame(outer=outer), correction=correction)
     trial, made, targets = StandardMotion.trial, [], targets_of(model, degrees, shift)
     with monkeypatch.context() as counting:
         counting.setattr(StandardMotion, "trial", lambda self, *given: made.append(self) or trial(self, *given))
         with pytest.raises(QualityRefused) as refusal:
             model.move(model.points, targets)
-    assert len(made) == 1
+    assert len(made) == motions
     rest, fraction = model.points[model.roles.moving], refusal.value.fraction
     assert (fraction > 0.0) == (shift[0] < 100.0)
     assert model.move(model.points, rest + fraction * (targets - rest)).corrected.inverted == 0
 
 
-def test_the_fraction_is_looked_for_with_corrections_that_stop_at_a_valid_mesh(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_fraction_needs_no_correction_where_the_boundary_forbids_the_whole(monkeypatch: pytest.MonkeyPatch) -> None:
     model, descents = MotionModel.build(*square_frame(24), Method()), []
     descend = trial_nodes.newton
     monkeypatch.setattr(trial_nodes, "newton", lambda *a, **k: descents.append(1) or descend(*a, **k))
     rest, targets = model.points[model.roles.moving], targets_of(model, 3.0, (0.65, 0.02))
     with pytest.raises(QualityRefused, match="no valid mesh exists") as refusal:
         model.move(model.points, targets)
-    assert len(descents) < 10
+    assert not descents
     assert model.move(model.points, rest + refusal.value.fraction * (targets - rest)).corrected.inverted == 0
 
 
@@ -82,7 +97,7 @@ def test_a_boundary_that_crosses_itself_is_not_tried_in_other_ways(monkeypatch: 
         )
     with pytest.raises(QualityRefused, match="no valid mesh exists"):
         model.move(model.points, targets_of(model, 3.0, (0.65, 0.02)))
-    assert attempts == ["_smooth_attempt", "_attempt"]  # and the fraction's
+    assert attempts == ["_smooth_attempt"]
 
 
 # of the last one the bisection's own trial is valid, but not the motion itself, which frees all nodes
@@ -100,7 +115,7 @@ def test_the_fraction_of_a_refusal_is_accepted(
     targets = rest + rigid(mesh, shift, degrees)[model.roles.moving]
     with pytest.raises(QualityRefused) as refusal:
         model.move(mesh.points, targets)
-    assert 0.4 < refusal.value.fraction < 1.0
+    assert 0.25 < refusal.value.fraction < 1.0
     accepted = model.move(mesh.points, rest + refusal.value.fraction * (targets - rest))
     assert accepted.corrected.metric.min >= (0.2 if refuse_below_threshold else 0.0)
 

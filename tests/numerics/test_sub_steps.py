@@ -216,8 +216,8 @@ def test_a_motion_that_sub_steps_do_not_reach_is_refused_with_the_fraction() -> 
 @pytest.mark.parametrize(
     ("motion", "fault", "fraction"),
     [
-        ((0.0, 0.7), "the boundary would leave its side of another part near", (0.5, 0.4 / 0.7)),  # beyond the wall
-        ((20.0, 0.44), r"no valid mesh exists: the boundary would cross itself near \(1\.", (0.6, 1.0)),  # in the wall
+        ((0.0, 0.7), "the boundary would leave its side of another part near", (0.3, 0.4 / 0.7)),  # beyond the wall
+        ((20.0, 0.44), r"no valid mesh exists: the boundary would cross itself near \(1\.", (0.4, 1.0)),  # in the wall
     ],
 )
 def test_a_boundary_that_no_mesh_follows_is_refused_at_once(

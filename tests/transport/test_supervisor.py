@@ -13,7 +13,7 @@ import pytest
 from mesh_motion_protocol.messages import Close, Commit, Hello, List, Move, Open, Ping, Probe, Resume, Status
 
 from tests.faults.attacks import endless_message
-from tests.faults.processes import alive
+from tests.faults.processes import alive, descendants
 from tests.faults.waiting import PATIENCE, wait_until
 
 ONES = np.ones((2, 2))
@@ -128,6 +128,35 @@ def test_sigterm_lets_the_request_finish_and_closes_the_journal(start, connect, 
     assert server.process.wait(PATIENCE) == 0
     assert (server.state / f"closed-{opened.session}").exists()
     assert not server.ready_file.exists()
+
+
+def test_the_end_of_a_terminal_is_one_drain_of_all_its_processes(start, open_session):
+    """A shell and the kernel both send SIGHUP, to workers too."""
+    server = start()
+    opened, data, at = open_session(server, label="slow")
+    data.send(Move, **at, step=1, frame="reference", displacement=ONES)
+    wait_until((server.state / f"moving-{opened.session}").exists, "the move runs")
+    for _ in range(2):
+        for process in {server.process.pid, *descendants(server.process.pid)}:
+            os.kill(process, signal.SIGHUP)
+        wait_until(lambda: server.events("draining"), "draining")
+    (server.state / "go").touch()
+    assert data.receive().type == "MOVED"
+    assert server.process.wait(PATIENCE) == 0
+    assert not server.events("killed")
+    assert (server.state / f"closed-{opened.session}").exists()
+
+
+def test_a_server_that_ignores_the_end_of_its_terminal_serves_on(start, connect):
+    """As ``nohup`` starts it."""
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        server = start()
+    finally:
+        signal.signal(signal.SIGHUP, before)
+    server.process.send_signal(signal.SIGHUP)
+    assert connect(server.endpoint).ask(Open, dimension=2).type == "OPENED"
+    assert not server.events("draining")
 
 
 @pytest.mark.parametrize("ended_by", ["its limit", "a second signal"])

@@ -219,9 +219,11 @@ def _listed(content: _Content, lines: list[str], *, generate: bool) -> list[_Ite
         return [item for line in lines for item in _items(content, _words(line))]
     found: list[_Item] = []
     for line in lines:
-        first, last, *step = (integer(word) for word in _words(line))
-        numbers = range(first, last + 1, *step)
-        if last - first >= _MOST_GENERATED * abs(numbers.step):
+        first, last, *steps = (integer(word) for word in _words(line))
+        if min(steps, default=1) < 1:
+            raise ValueError(f"an increment of {min(steps)}, expected at least 1")
+        numbers = range(first, last + 1, *steps)
+        if last - first >= _MOST_GENERATED * numbers.step:
             raise ValueError(f"more than {_MOST_GENERATED} numbers from {first} to {last}")
         found.append(numbers)
     return found

@@ -57,7 +57,7 @@ class Recent:
 
     def __init__(self) -> None:
         self.events, self.iteration, self.final_step = 0, 0, 0
-        self.changed_at = self.begun_at = 0.0
+        self.changed_at = self.waits_since = 0.0  # for a commit
         self.threshold: float | None = None
         self.commits: deque[_Commit] = deque(maxlen=_KEPT)
         self.refusals, self.refused_at, self.refusal = 0, 0.0, ""
@@ -92,8 +92,8 @@ class Recent:
         self.changed_at = at
         if kind in _ENDS_A_TRIAL:
             self.iteration = 0
-        if kind in _BEGINS:
-            self.begun_at = at
+        if kind in _BEGINS or kind == "committed":
+            self.waits_since = at  # not the largest time: a clock may be set back
         if kind != "refused":
             self.rests = dict(event) if kind in _RESTS else {}
         if kind in ("moved", "committed", "resumed"):
@@ -234,7 +234,7 @@ def _left(recent: Recent, worker: str) -> Verdict | None:
 
 def _stalled(recent: Recent, now: float) -> Verdict | None:
     """The verdict if there was no commit for many usual pauses."""
-    since = max(recent.begun_at, recent.commits[-1].at if recent.commits else 0.0)
+    since = recent.waits_since
     if now - since <= max(_PATIENCE, _PAUSES * recent.pause):
         return None
     why = f"no commit after step {recent.commits[-1].step}, usually one every {duration(recent.pause)}"

@@ -10,15 +10,18 @@ from mesh_motion_numerics.arrays import Floats
 from mesh_motion_numerics.method import Method
 from mesh_motion_numerics.quality.quality_summary import Judgement
 
-#: Accuracy of a bisection's fraction: for a motion without a correction, and for a boundary, which is cheap to test.
-#: They are not 1/32 and 1/64 because fractions are rounded down to thousandths.
-_COARSE, _FINE = 1 / 31, 1 / 60
+#: Accuracy of a fraction that a bisection finds, as a share of it: for an estimate, and for what takes longer to test.
+#: They are not 1/64 and 1/32 because fractions are rounded down to thousandths.
+_FINE, _COARSE = 1 / 60, 1 / 31
+#: No smaller fraction is looked for.
+_LEAST = 0.004
+#: A fraction that is valid without a correction, and is enough even where steps are corrected anyway.
+_ENOUGH = 0.25
 #: Shares of the range between the largest fraction that is valid without a correction and the largest possible one, at
 #: which a correction is tried.
 _SHARES = (0.3, 0.7)
 #: A fraction of the largest possible one, tried first: closer to it the correction takes many times as long.
 _NEARLY = 0.95
-_LEAST = 0.004
 #: As a share of the mesh's diagonal: a longer displacement is probably in another unit.
 _FARTHEST = 2.0
 
@@ -77,17 +80,18 @@ def largest_accepted(
     possible: Callable[[float], bool],
     *,
     whole: bool,
-    certain: bool,
+    settled: Callable[[], bool],
     corrected: bool = True,
     expected: Callable[[float], bool] | None = None,
 ) -> float:
     """The largest accepted fraction of a refused displacement among the few that are tried; 0 if none is accepted.
 
-    Corrections are expensive, most of all those that find no mesh. If the boundary alone forbids the whole
-    displacement, a fraction just below the largest ``possible`` one is tried first: in most domains a mesh can be moved
-    this far, and the boundary is cheap to test. Otherwise, or if that is refused, a few fractions are tried between the
-    largest one at which the motion is ``valid`` without a correction and the largest possible one: the smallest first,
-    until one is refused. If all are refused, the result is the valid one.
+    A motion that is ``valid`` without a correction is accepted, and is cheap to test. A correction takes as long as
+    many answers, most of all one that finds no mesh. So if the boundary alone forbids the whole displacement, the
+    result is the largest valid fraction, unless it is small because the committed mesh was corrected: then answers take
+    long too, and a fraction just below the largest ``possible`` one is tried. If that is refused, or the boundary
+    forbids nothing, a few fractions between the valid and the possible one are tried: the smallest first, until one is
+    refused.
 
     Parameters
     ----------
@@ -96,8 +100,8 @@ def largest_accepted(
         exist.
     whole : bool
         Whether the whole displacement is possible.
-    certain : bool
-        Whether a motion that is ``valid`` is accepted too, so that it need not be tried.
+    settled : callable
+        Whether the committed mesh needs no correction.
     corrected : bool
         Whether a motion that is not ``valid`` may be accepted.
     expected : callable, optional
@@ -108,41 +112,34 @@ def largest_accepted(
     float
         A multiple of a thousandth: exactly the fraction that was tried, so three digits print it exactly.
     """
-    most = 1.0
-    if corrected and not whole:
-        most = _bisected(possible, 1.0, _FINE)
-        nearly = _thousandths(_NEARLY * most)
-        if nearly > 0.0 and accepts(nearly):
-            return nearly
-    low = 0.0 if expected is None else _bisected(expected, most, _COARSE)
+    low = 0.0 if expected is None else _bisected(expected, 1.0, _FINE)
     if not low or not valid(low):
-        low = _bisected(valid, low or most, _COARSE)
-    if certain and not corrected:
+        low = _bisected(valid, low or 1.0, _COARSE) if valid(_LEAST) else 0.0
+    if not corrected:
         return low
-    shares = () if not corrected else _SHARES if whole else _SHARES[:1]
-    found = 0.0
+    most, shares = 1.0, list(_SHARES)
+    if not whole:
+        if low >= _ENOUGH or (low and settled()):
+            return low
+        most, shares = _bisected(possible, 1.0, _FINE), shares[:1]
+        nearly = _thousandths(_NEARLY * most)
+        if nearly > low and accepts(nearly):
+            return nearly
+    found = low
     for fraction in (_thousandths(low + share * (most - low)) for share in shares):
         if fraction <= low or not accepts(fraction):
             break
         found = fraction
-    if found:
-        return found
-    if certain or (low > 0.0 and accepts(low)):
-        return low
-    while low > _LEAST:
-        low = _thousandths(0.5 * low)
-        if accepts(low):
-            return low
-    return 0.0
+    return found
 
 
 def _bisected(holds: Callable[[float], bool], high: float, accuracy: float) -> float:
     """The largest fraction found at which a condition holds that does not hold at ``high``; 0 if there is none."""
-    low = 0.0
-    while high - low > accuracy:
-        middle = _thousandths(0.5 * (low + high))
-        low, high = (middle, high) if holds(middle) else (low, middle)
-    return low
+    low, above = 0, round(1000 * high)  # thousandths
+    while above > 1000 * _LEAST and above - low > max(accuracy * above, 1):
+        middle = (low + above) // 2
+        low, above = (middle, above) if holds(middle / 1000) else (low, middle)
+    return low / 1000
 
 
 def _thousandths(fraction: float) -> float:

@@ -26,8 +26,6 @@ from mesh_motion_numerics.mesh.smooth_pieces import area_vectors, as_simplices
 _PROBES = 16
 #: … and, for a small boundary, this number of pairs of a place and a facet; they are computed in blocks of this size.
 _MOST_PAIRS = 1 << 15
-#: Number of places that are examined at a time, among the places whose rays differ.
-_AT_ONCE = 4
 #: Number of touching facets that are tested, spread over all.
 _MOST_TOUCHING = 64
 #: … and number of places near each other that are tested together.
@@ -84,12 +82,11 @@ def misplaced_place(
             continue
         rays = [_crossings(places[others], places, simplices) for places in (reference, points)]
         others = others[rays[0] != rays[1]]  # a ray is cheap, and uncertain only from a node on the part itself
-        for some in np.array_split(others, -(-len(others) // _AT_ONCE) or 1):  # mostly the first
-            before, after = (_windings(places[some], places, own) for places in (reference, points))
-            sure = np.maximum(*(np.abs(each - np.round(each)) for each in (before, after))) < _ON_IT
-            wrong = some[sure & (np.round(before) != np.round(after))]
-            if len(wrong):
-                place: Floats = points[wrong[0]]
+        for one in others:  # mostly the first is wrong
+            before, after = (_windings(places[[one]], places, own)[0] for places in (reference, points))
+            sure = max(abs(each - np.round(each)) for each in (before, after)) < _ON_IT
+            if sure and np.round(before) != np.round(after):
+                place: Floats = points[one]
                 return place
     return None
 

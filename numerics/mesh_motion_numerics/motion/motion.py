@@ -18,7 +18,7 @@ from functools import partial
 import numpy as np
 from mesh_motion_protocol.errors import QualityRefused, Timeout
 
-from mesh_motion_numerics.arrays import Floats, Integers, Marks
+from mesh_motion_numerics.arrays import Floats, Integers
 from mesh_motion_numerics.blas import one_blas_thread
 from mesh_motion_numerics.correction.correction import Correction, correct
 from mesh_motion_numerics.correction.correction_problem import CorrectionProblem
@@ -180,7 +180,6 @@ class MotionModel(DifferentiableMesh):
         watch = Stopwatch()
         check_time()
         plain = self._interpolate(step, self.standard_motion, watch)
-        step.plain.append(plain.trial.points)
         with watch.phase("predict"):
             layer = self._fitting_layer(step, plain)
         carried = None if layer is None else self._carrying(step, layer, watch)
@@ -293,6 +292,8 @@ class MotionModel(DifferentiableMesh):
     def _predict(self, motion: StandardMotion, step: _Step, watch: Stopwatch, turns: Turns | None = None) -> _Predicted:
         factors = Recorded(step.factors)
         trial = self._plain(motion, replace(step, factors=factors), turns, 1.0, watch)
+        if motion is self.standard_motion and turns is None:
+            step.plain.append(trial.points)
         with watch.phase("predict"):
             if self.smooth is None or not isinstance(self.reference_sizes, CellsAtRest):
                 return _Predicted(motion, trial, self.summary(trial.points), None, factors)
@@ -434,8 +435,6 @@ class MotionModel(DifferentiableMesh):
         direct = enough.with_method(sub_steps="never")
         plain = self.with_method(sub_steps="never", correction="none")
         plain = replace(plain.without_distributions(), layered=None)
-        # a correction leaves a valid mesh unchanged if it finds no better one
-        certain = not method.refuse_below_threshold and self.smooth is None
         exists, kinds = not isinstance(refusal, NoMeshExists), getattr(refusal, "looked_for", 0)
 
         def possible(fraction: float) -> bool:
@@ -444,10 +443,10 @@ class MotionModel(DifferentiableMesh):
                 return not self.boundary.has_fault(step.committed, targets, kinds)
             return self._impossible(replace(step, targets=targets)) is None
 
-        between = self._between(step, whole)
+        between, exact = self._between(step, whole)
 
         def valid(fraction: float) -> bool:
-            if between is None:
+            if not exact:
                 return accepts(plain, fraction)
             targets, points = whole.at(fraction), between(fraction)
             try:
@@ -464,21 +463,17 @@ class MotionModel(DifferentiableMesh):
             valid,
             possible,
             whole=exists,
-            certain=certain,
+            settled=lambda: plain.summary(between(0.0)).metric.min >= method.quality_threshold,
             corrected=method.correction != "none",
-            expected=None if between is None else self._expected(between),
+            expected=self._expected(between),
         )
 
-    def _between(self, step: _Step, whole: BoundaryDisplacement) -> Callable[[float], Floats] | None:
-        """Return the plain motion (n, d) to a fraction of the ``whole`` displacement; None if it is not linear in it.
+    def _between(self, step: _Step, whole: BoundaryDisplacement) -> tuple[Callable[[float], Floats], bool]:
+        """Return the plain motion (n, d) to a fraction of the ``whole`` displacement, linear in it, and if it is exact.
 
-        It is equal to the interpolated one up to rounding, and takes a tenth of the time.
+        An exact one is equal to the interpolated one up to rounding, and takes a tenth of the time.
         """
         plain, method = self.standard_motion, self.method
-        if method.displacement == "reanchored" or method.reduction != "none":
-            return None
-        if plain.sliding is not None or not len(self.roles.fixed):
-            return None
 
         def interpolated(targets: Floats) -> Floats:
             start = self.points if method.displacement == "absolute" else step.committed
@@ -488,24 +483,32 @@ class MotionModel(DifferentiableMesh):
 
         known = step.plain if np.array_equal(whole.at(1.0), step.targets) else []
         begin, end = interpolated(whole.at(0.0)), known[0] if known else interpolated(whole.at(1.0))
-        return lambda fraction: begin + fraction * (end - begin)
+        linear = method.displacement != "reanchored" and method.reduction == "none" and len(self.roles.fixed) > 0
+        return lambda fraction: begin + fraction * (end - begin), linear and plain.sliding is None
 
     def _expected(self, between: Callable[[float], Floats]) -> Callable[[float], bool] | None:
-        """Estimate whether a plain motion is accepted at a fraction of it.
+        """Estimate whether a plain motion is accepted at a fraction of it, below the last one that was not.
 
-        The estimate uses the cells that are not acceptable at its end; None if there are none.
+        The estimate uses the cells that are not acceptable there; None if there are none at the motion's end.
         """
         sizes, metric = self.reference_sizes, self.method.quality_metric
         threshold = self.method.quality_threshold if self.method.refuse_below_threshold else -np.inf
-
-        def refused(quality: CellQuality) -> Marks:
-            low = quality.metric(metric) < threshold if np.isfinite(threshold) else False
-            return np.asarray(quality.inverted | low)
-
         if not np.isfinite(threshold):
             sizes = sizes_of(sizes)
-        bad = np.flatnonzero(refused(cell_quality(between(1.0), self.cells, sizes)))
-        return None if not len(bad) else lambda f: not refused(subset_quality(between(f), self.cells, sizes, bad)).any()
+
+        def refused(quality: CellQuality) -> Integers:
+            low = quality.metric(metric) < threshold if np.isfinite(threshold) else False
+            return np.flatnonzero(quality.inverted | low)
+
+        bad = refused(cell_quality(between(1.0), self.cells, sizes))
+
+        def accepted(fraction: float) -> bool:
+            nonlocal bad
+            still = bad[refused(subset_quality(between(fraction), self.cells, sizes, bad))]
+            bad = still if len(still) else bad
+            return not len(still)
+
+        return accepted if len(bad) else None
 
 
 def _may_be_avoided(refusal: QualityRefused) -> bool:

@@ -37,6 +37,13 @@ def _refusal(at: float, step: int = 4, **more: Any) -> dict[str, Any]:
     return {"at": at, "event": "refused", **added, **more}
 
 
+def test_a_clock_that_is_set_back_hides_no_stall() -> None:
+    """The session was built three hours ahead of its commits."""
+    recent = _recent(_built(BEGIN + 10800.0), _commits([0.5] * 4))
+    assert verdict(recent, BEGIN + 20.0).kind == "running"
+    assert verdict(recent, BEGIN + 400.0).kind == "stalled"
+
+
 def test_a_session_that_runs() -> None:
     recent = _recent(_built(), _commits([0.5, 0.6, 0.55]))
     found = verdict(recent, BEGIN + 15.0)

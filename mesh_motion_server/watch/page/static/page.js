@@ -167,9 +167,9 @@ class Page {
 
   /** A session with many steps per second is updated every two seconds. */
   tooSoon() {
-    const left = 1000 * PAUSE_SECONDS - (Date.now() - (this.looked ?? 0));
+    const left = 1000 * PAUSE_SECONDS - (performance.now() - (this.looked ?? -Infinity)); // no jump of the clock delays it
     if (left <= 0) {
-      this.looked = Date.now();
+      this.looked = performance.now();
       return false;
     }
     this.again(left);
