@@ -190,7 +190,7 @@ class StencilSums {
                 sum.add(1.0, lines_[p]);
                 sum.store(line);
             }
-            lines_[p] = {};
+            lines_[p].clear();
         }
     }
 
@@ -212,6 +212,11 @@ class StencilSums {
         [[gnu::always_inline]] void add(double weight, const Line& other) {
             for (int q = 0; q < wide; ++q) eight[q] += weight * other.eight[q];
             for (int q = 0; q < narrow; ++q) quad[q] += weight * other.quad[q];
+        }
+        // vector by vector: for `= {}` GCC calls a loop for long texts, which takes most of a sum's time
+        void clear() {
+            for (int q = 0; q < wide; ++q) eight[q] = Eight{};
+            for (int q = 0; q < narrow; ++q) quad[q] = Quad{};
         }
         void store(double* at) const {
             for (int q = 0; q < wide; ++q) std::memcpy(at + 8 * q, &eight[q], sizeof(Eight));
