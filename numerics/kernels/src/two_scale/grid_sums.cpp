@@ -235,11 +235,32 @@ void sum_block(Matrix<const double> centres, Matrix<const double> weights, doubl
             std::copy(line, line + sizes[2] * k, out[x][y].data() + block[2].first * k);
 }
 
+static_assert(last_order <= lanes);
+
+/// The last axis of restricted: each line of values (q, K) becomes one of p. A vector has the p places of a component.
+template <Index K>
+void restrict_lines(const std::vector<double>& values, int p, const Resampling& matrix, int q, Index k,
+                    std::vector<double>& few) {
+    double turned[side][lanes] = {};
+    for (int x = 0; x < q; ++x)
+        for (int i = 0; i < p; ++i) turned[x][i] = matrix[i][x];
+    const double* from = values.data();
+    for (double* to = few.data(); to != few.data() + few.size(); from += q * k, to += p * k)
+        for (Index c = 0; c < k; c += K) {
+            double sums[K][lanes] = {};
+            for (int x = 0; x < q; ++x)
+                for (Index m = 0; m < K; ++m)
+                    for (Index i = 0; i < lanes; ++i) sums[m][i] += turned[x][i] * from[x * k + c + m];
+            for (int i = 0; i < p; ++i)
+                for (Index m = 0; m < K; ++m) to[i * k + c + m] = sums[m][i];
+        }
+}
+
 /// few (p^3, k) = the transpose of add_resampled of values (q[0] × q[1] × q[2], k), along one axis after the other.
 std::vector<double> restricted(std::vector<double> values, int p, const Resampling* const* matrices, const int* q,
                                Index k) {
     Index before = 1, after = Index{q[1]} * q[2] * k;
-    for (int axis = 0; axis < 3; ++axis) {
+    for (int axis = 0; axis < 2; ++axis) {
         std::vector<double> few(before * p * after);
         for (Index b = 0; b < before; ++b)
             for (int i = 0; i < p; ++i)
@@ -251,9 +272,12 @@ std::vector<double> restricted(std::vector<double> values, int p, const Resampli
                 }
         values = std::move(few);
         before *= p;
-        if (axis < 2) after /= q[axis + 1];
+        after /= q[axis + 1];
     }
-    return values;
+    std::vector<double> few(before * p * k);
+    if (k == 3) restrict_lines<3>(values, p, *matrices[2], q[2], k, few);
+    else restrict_lines<1>(values, p, *matrices[2], q[2], k, few);
+    return few;
 }
 
 /// The transpose of sum_block: back (k, nc) += …
