@@ -123,23 +123,21 @@ class Members {
     template <class Basis, Index K>
     void add_transposed(const Along& along, Index k, const double* values, double* back, Index nc) const {
         const Index n = size(), nz = along[2].size(), plane = along[1].size() * nz;
-        std::vector<double> ahead(along[0].size() * lanes), across(plane * lanes);
+        double squares[3][side][lanes];
+        std::vector<double> across(plane * lanes);
         for (Index first = 0; first < n; first += lanes) {
-            double at[3][lanes];
             for (int axis = 0; axis < 3; ++axis)
-                for (Index l = 0; l < lanes; ++l) at[axis][l] = at_[axis][std::min(first + l, n - 1)];
-            for (std::size_t i = 0; i < along[0].size(); ++i)
+                for (std::size_t i = 0; i < along[axis].size(); ++i)
+                    for (Index l = 0; l < lanes; ++l)
+                        squares[axis][i][l] =
+                            square(along[axis][i] * inverse_radius_ - at_[axis][std::min(first + l, n - 1)]);
+            for (Index place = 0; place < plane; ++place)
                 for (Index l = 0; l < lanes; ++l)
-                    ahead[i * lanes + l] = square(along[0][i] * inverse_radius_ - at[0][l]);
-            for (Index place = 0; place < plane; ++place) {
-                const double y = along[1][place / nz] * inverse_radius_, z = along[2][place % nz] * inverse_radius_;
-                for (Index l = 0; l < lanes; ++l)
-                    across[place * lanes + l] = square(y - at[1][l]) + square(z - at[2][l]);
-            }
+                    across[place * lanes + l] = squares[1][place / nz][l] + squares[2][place % nz][l];
             for (Index c = 0; c < k; c += K) {
                 double sums[K][lanes] = {};
                 for (std::size_t i = 0; i < along[0].size(); ++i)
-                    add_plane<Basis, K>(&ahead[i * lanes], across.data(), plane, values + i * plane * k + c, k, sums);
+                    add_plane<Basis, K>(squares[0][i], across.data(), plane, values + i * plane * k + c, k, sums);
                 for (Index l = 0; l < std::min(lanes, n - first); ++l)
                     for (Index m = 0; m < K; ++m) back[(c + m) * nc + numbers_[first + l]] += sums[m][l];
             }
