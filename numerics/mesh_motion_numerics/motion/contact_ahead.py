@@ -2,8 +2,8 @@
 
 A node meets a facet when the simplex of both has no volume while the node is inside the facet, and so do two edges in
 space. This volume is a polynomial along the step, so its roots are exact, like those of a cell (:mod:`.headroom`). Not
-found: a flat part of the boundary that folds onto itself. A cell all of whose nodes have prescribed positions may invert
-earlier: no correction moves it.
+found: a flat part of the boundary that folds onto itself. A cell all of whose nodes have prescribed positions may
+invert earlier: no correction moves it.
 """
 
 from __future__ import annotations

@@ -504,7 +504,7 @@ def test_other_languages_differentiate_as_python(prefix, endpoint, tools, tmp_pa
     x, y = (each.ravel() for each in np.meshgrid(side, side))
     number = np.arange(13 * 13).reshape(13, 13)
     quads = np.stack([number[:-1, :-1], number[:-1, 1:], number[1:, 1:], number[1:, :-1]], axis=-1).reshape(-1, 4)
-    walls = np.flatnonzero((0.0 < x) & (x < 1.0) & ((y == 0.0) | (y == 1.0)))
+    walls = np.flatnonzero((x > 0.0) & (x < 1.0) & ((y == 0.0) | (y == 1.0)))
     for role, evaluation in product(("fixed", "slip"), ("client", "server")):
         printed = tools["run"]([tmp_path / "program", endpoint, role, evaluation]).split()
         sides = {"left": Patch("moving", number[:, 0].copy()), "walls": Patch(role, walls)}
