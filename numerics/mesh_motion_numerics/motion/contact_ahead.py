@@ -53,8 +53,8 @@ class ContactAhead:
 
     def steps(self, points: Floats, before: Floats, most: float) -> float:
         """Steps like that from ``before`` to ``points`` (n, d) until no mesh is valid; ``inf`` above ``most``."""
+        stiff = float(np.inf)
         if self.stiff is not None:
             every = np.arange(len(self.stiff))
             stiff = float(kernels.first_inversions(points, before, self.stiff.nodes, every, most, 1)[0][0])
-            return min(stiff, kernels.first_contact(points, before, self.facets, self.moving, min(most, stiff)))
-        return float(kernels.first_contact(points, before, self.facets, self.moving, most))
+        return min(stiff, float(kernels.first_contact(points, before, self.facets, self.moving, min(most, stiff))))
