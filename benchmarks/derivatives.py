@@ -32,7 +32,7 @@ _CACHE_BYTES = 2**31
 
 @dataclass(frozen=True)
 class DerivativeCost:
-    """Cost on one mesh: the last step, and the shortest time of a vector.
+    """Cost on one mesh: the shortest of the small steps, the last of the large ones, and the shortest time of a vector.
 
     Attributes
     ----------
@@ -89,9 +89,11 @@ def _cost(
     task = Task(built.points, built.cells, built.moving, built.fixed, displacements)
     task = replace(task, cells={name: nodes.astype(np.int32) for name, nodes in task.cells.items()})
     model, factors, points = model_of(task, method), FactorCache(_CACHE_BYTES), built.points
+    steps = []
     for part in range(parts):
         targets = task.targets(part)
         step, motion = timed(lambda p=points, t=targets: model.move(p, t, factors))
+        steps.append(step)
         before, points = points, motion.points
         if motion.correction.freed_nodes if freeing else part + 1 == repeat:
             break
@@ -105,7 +107,7 @@ def _cost(
         "headroom": lambda: model.headroom(before, points, worst),
     }
     found = {name: Seconds.shortest([timed(call)[0] for _ in range(repeat)]) for name, call in calls.items()}
-    found |= {"step": step, "prepared": prepared}
+    found |= {"step": step if freeing else Seconds.shortest(steps), "prepared": prepared}
     return motion.correction.freed_nodes, {prefix + name: seconds for name, seconds in found.items()}
 
 

@@ -159,7 +159,7 @@ class PreparedMesh:
         contact = self.contact if self.method.correction == "smooth" and 0.0 < found.inversion < _SOON else None
         if contact is None:
             return found
-        return replace(found, inversion=max(found.inversion, contact.steps(points, before, found.inversion, HORIZON)))
+        return replace(found, inversion=max(found.inversion, contact.steps(points, before, HORIZON)))
 
     @cached_property
     def contact(self) -> ContactAhead | None:

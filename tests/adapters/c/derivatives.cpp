@@ -1,4 +1,4 @@
-// Two tangents and two cotangents at once of a moved mesh whose cells stay here, one number a line: derivatives ENDPOINT
+// Two tangents and two cotangents at once of a moved mesh, one number a line: derivatives ENDPOINT ROLE EVALUATION
 #include <mesh_motion.hpp>
 
 #include <cstdio>
@@ -8,15 +8,16 @@ int main(int, char **arguments)
 {
     const int cells = 12, side = cells + 1;
     std::vector<double> points, rows, velocities, weights;
-    std::vector<std::int64_t> quads, left, walls;
+    std::vector<std::int64_t> quads, left, walls, right;
     for (int j = 0; j < side; ++j) {
         for (int i = 0; i < side; ++i) {
             const double x = double(i) / cells, y = double(j) / cells;
             points.insert(points.end(), {x, y});
             weights.insert(weights.end(), {x, y, x * y, 1.0});
-            (i == 0 ? left : walls).push_back(j * side + i);
-            if (i > 0 && i < cells && j > 0 && j < cells) {
-                walls.pop_back();
+            if (i == 0 || i == cells) {
+                (i == 0 ? left : right).push_back(j * side + i);
+            } else if (j == 0 || j == cells) {
+                walls.push_back(j * side + i);
             }
             if (i < cells && j < cells) {
                 const std::int64_t low = j * side + i;
@@ -26,8 +27,9 @@ int main(int, char **arguments)
     }
     mesh_motion::Server server(arguments[1]);
     mesh_motion::Session session(server);
-    session.points(2, points).cells("quad", quads).patch("left", "moving", left).patch("walls", "fixed", walls);
-    session.evaluation("client").open();
+    session.points(2, points).cells("quad", quads).patch("left", "moving", left).patch("walls", arguments[2], walls);
+    session.patch("right", "fixed", right);
+    session.evaluation(arguments[3]).open();
     session.build();
     for (std::int64_t node : session.moving_nodes()) {
         const double y = points[2 * static_cast<std::size_t>(node) + 1];

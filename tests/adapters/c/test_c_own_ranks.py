@@ -6,6 +6,7 @@ import shutil
 import signal
 from concurrent.futures import ThreadPoolExecutor
 from ctypes import byref, c_char_p, c_double, c_int, c_int64, c_size_t, c_void_p
+from itertools import product
 
 import numpy as np
 import pytest
@@ -491,28 +492,32 @@ def test_layers_next_to_ranks_in_python(prefix, tmp_path, first):
 
 
 @pytest.mark.parametrize("name", ["derivatives.cpp", "derivatives.f90"])
-def test_other_languages_differentiate_as_c(prefix, endpoint, tools, tmp_path, name):
-    """Bitwise: a move that is corrected, two vectors at once."""
+def test_other_languages_differentiate_as_python(prefix, endpoint, tools, tmp_path, name):
+    """A move that is corrected, two vectors at once: bitwise if the server evaluates them."""
     compiler, standard = ("gfortran", "f2008") if name.endswith(".f90") else ("g++", "c++17")
     tools["need"](compiler)
     module = [tools["source"] / "fortran" / "mesh_motion.f90"] * name.endswith(".f90")
     flags = [f"-std={standard}", "-Wall", "-Werror", f"-I{prefix}/include", f"-L{prefix}/lib", "-lmesh_motion"]
     sources = [*module, tools["here"] / name]
     tools["compile"]([compiler, *sources, *flags, f"-Wl,-rpath,{prefix}/lib", "-o", "program"], cwd=tmp_path)
-    printed = np.array(tools["run"]([tmp_path / "program", endpoint]).split(), dtype=float)
     side = np.arange(13) / 12
     x, y = (each.ravel() for each in np.meshgrid(side, side))
     number = np.arange(13 * 13).reshape(13, 13)
     quads = np.stack([number[:-1, :-1], number[:-1, 1:], number[1:, 1:], number[1:, :-1]], axis=-1).reshape(-1, 4)
-    walls = np.flatnonzero((x == 1.0) | ((x > 0.0) & ((y == 0.0) | (y == 1.0))))
-    sides = {"left": Patch("moving", number[:, 0].copy()), "walls": Patch("fixed", walls)}
-    with CSession(prefix, endpoint) as session:
-        session.open(Mesh(np.stack([x, y], axis=1), {"quad": quads}, sides), {})
-        session.move(np.stack([1.2 * side * (1.0 - side), 0.0 * side], axis=1))
-        assert session.c.mm_report_integer(c_void_p(session.c.mm_moved(session.session)), b"correction.freed_nodes", 0)
-        tangents = session.tangent(np.stack([side, side**0, side**0, side * side], axis=1))
-        cotangents = session.cotangent(np.stack([x, y, x * y, x**0], axis=1))
-    np.testing.assert_array_equal(printed, np.concatenate([tangents.ravel(), cotangents.ravel()]))
+    walls = np.flatnonzero((x > 0.0) & (x < 1.0) & ((y == 0.0) | (y == 1.0)))
+    for role, evaluation in product(("fixed", "slip"), ("client", "server")):
+        printed = tools["run"]([tmp_path / "program", endpoint, role, evaluation]).split()
+        sides = {"left": Patch("moving", number[:, 0].copy()), "walls": Patch(role, walls)}
+        sides["right"] = Patch("fixed", number[:, -1].copy())
+        mesh = Mesh(np.stack([x, y], axis=1), {"quad": quads}, sides)
+        with connect(endpoint) as server, server.open(mesh, evaluation=evaluation) as session:
+            moved = session.move(np.stack([1.2 * side * (1.0 - side), 0.0 * side], axis=1))
+            assert moved.correction["freed_nodes"]
+            back = [session.cotangent(np.stack(w, axis=1)) for w in ((x, y), (x * y, x**0))]
+            found = [session.tangent(np.stack(v, axis=1)) for v in ((side, side**0), (side**0, side * side))]
+        expected = np.concatenate([np.concatenate(rows, axis=1).ravel() for rows in (found, back)])
+        exact = 0.0 if evaluation == "server" else 1e-12 * np.abs(expected).max()
+        np.testing.assert_allclose(np.array(printed, dtype=float), expected, rtol=0.0, atol=exact)
 
 
 def test_after_kill_9_the_derivative_is_the_same(prefix, tmp_path):

@@ -1,6 +1,6 @@
 #include "bind.h"
-#include "mesh/approaching.h"
 #include "mesh/closest_point.h"
+#include "mesh/contact.h"
 #include "mesh/digest.h"
 #include "mesh/facets.h"
 #include "mesh/hashed_cells.h"
@@ -10,10 +10,10 @@ namespace mesh_motion {
 
 void bind_mesh(nanobind::module_& m) {
     bind(m, "add_values", add_values);
-    bind(m, "approaching_nodes", approaching_nodes);
     bind(m, "bounding_box", corners_of);
     bind(m, "closest_points", closest_points);
     bind(m, "smooth_points", smooth_points);
+    bind(m, "first_contact", first_contact);
     bind(m, "hash_blocks", hash_blocks);
     bind(m, "match_facets", match_facets);
     bind(m, "points_near_facets", points_near_facets);

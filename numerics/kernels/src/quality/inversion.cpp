@@ -6,6 +6,7 @@
 #include <limits>
 #include <numeric>
 
+#include "cubic.h"
 #include "parallel.h"
 #include "quality/jacobians.h"
 #include "quality/order_statistics.h"
@@ -18,87 +19,18 @@ constexpr Index least_group = 8;    // cells in a group; in smaller meshes all c
 constexpr double least_reach = 1.25, unlike = 2.0;  // groups are looked at up to such a multiple of the limit
 constexpr Index together = 32;      // cells of which positions and motion fit into the fastest cache
 constexpr double nearly = 0.1;      // of its size now: a sample so small counts, for a neighbour may invert
-constexpr int halvings = 60;
 constexpr double never = std::numeric_limits<double>::infinity();
 
-using Cubic = std::array<double, 4>;  // coefficients, beginning with the constant term
-
-double at(const Cubic& p, double s) { return ((p[3] * s + p[2]) * s + p[1]) * s + p[0]; }
-
-/// The root in (low, high], where the polynomial changes its sign and has no extremum in between.
-double root_between(const Cubic& p, double low, double high) {
-    double s = 0.5 * (low + high);
-    for (int i = 0; i < halvings && low < high; ++i) {
-        const double value = at(p, s), slope = (3.0 * p[3] * s + 2.0 * p[2]) * s + p[1];
-        (value > 0.0 ? low : high) = s;
-        const double next = s - value / slope;
-        if (std::abs(next - s) <= 1e-12 * s) return std::clamp(next, low, high);  // its error is the square of this
-        s = next > low && next < high ? next : 0.5 * (low + high);
-    }
-    return s;
-}
-
-/// The smallest root in (0, horizon] of a polynomial that is positive at 0.
-double first_root(const Cubic& p, double horizon) {
-    // between its extrema it is monotonic
-    std::array<double, 3> ends{horizon, horizon, horizon};
-    const double a = 3.0 * p[3], b = 2.0 * p[2], c = p[1], root = b * b - 4.0 * a * c;
-    if (root >= 0.0) {
-        const double q = -0.5 * (b + std::copysign(std::sqrt(root), b));
-        for (int k = 0; k < 2; ++k) {
-            const double s = k == 0 ? q / a : c / q;
-            if (s > 0.0 && s < horizon) ends[k] = s;
-        }
-        if (ends[0] > ends[1]) std::swap(ends[0], ends[1]);
-    }
-    double low = 0.0;
-    for (const double high : ends) {
-        if (at(p, high) <= 0.0) return root_between(p, low, high);
-        low = high;
-    }
-    return never;
-}
-
-using Vector3 = std::array<double, 3>;
-
-[[gnu::always_inline]] inline double triple(const Vector3& a, const Vector3& b, const Vector3& c) {
-    return a[0] * (b[1] * c[2] - b[2] * c[1]) + a[1] * (b[2] * c[0] - b[0] * c[2]) + a[2] * (b[0] * c[1] - b[1] * c[0]);
-}
-
-/// det(E + s V) of one corner of cell s: it is linear in each edge, so a sum of determinants of edges of E and of V.
+/// det(E + s V) of one corner of cell s.
 template <int d>
-[[gnu::always_inline]] inline Cubic determinant_along(const Jacobians<d>& now, const Jacobians<d>& before, Index s) {
-    const auto edge = [&](int j) {
-        Vector3 of{};
-        for (int i = 0; i < d; ++i) of[i] = now.entry[i][j][s];
-        return of;
-    };
-    const auto on = [&](int j) {
-        Vector3 of{};
-        for (int i = 0; i < d; ++i) of[i] = now.entry[i][j][s] - before.entry[i][j][s];
-        return of;
-    };
-    if constexpr (d == 1) {
-        return {edge(0)[0], on(0)[0], 0.0, 0.0};
-    } else if constexpr (d == 2) {
-        const Vector3 e0 = edge(0), e1 = edge(1), v0 = on(0), v1 = on(1);
-        const auto cross = [](const Vector3& a, const Vector3& b) { return a[0] * b[1] - a[1] * b[0]; };
-        return {cross(e0, e1), cross(e0, v1) + cross(v0, e1), cross(v0, v1), 0.0};
-    } else {
-        const Vector3 e0 = edge(0), e1 = edge(1), e2 = edge(2);
-        const Vector3 v0 = on(0), v1 = on(1), v2 = on(2);
-        return {triple(e0, e1, e2), triple(v0, e1, e2) + triple(v1, e2, e0) + triple(v2, e0, e1),
-                triple(e0, v1, v2) + triple(e1, v2, v0) + triple(e2, v0, v1), triple(v0, v1, v2)};
-    }
-}
-
-/// Whether the polynomial may have a root in (0, end], or is not positive at 0: unless all its Bernstein coefficients on
-/// (0, end) are above what rounding can change.
-[[gnu::always_inline]] inline bool may_invert(const Cubic& p, double end) {
-    const double a = p[1] * end, b = p[2] * (end * end), c = p[3] * (end * end * end);
-    const double rounding = 1e-14 * (std::abs(p[0]) + std::abs(a) + std::abs(b) + std::abs(c));
-    const double third = 1.0 / 3.0, first = p[0] + third * a, second = first + third * (a + b);
-    return !((p[0] > rounding) & (first > rounding) & (second > rounding) & (p[0] + a + b + c > rounding));
+[[gnu::always_inline]] inline Cubic determinant_of(const Jacobians<d>& now, const Jacobians<d>& before, Index s) {
+    std::array<Vector3, d> edges{}, on{};
+    for (int j = 0; j < d; ++j)
+        for (int i = 0; i < d; ++i) {
+            edges[j][i] = now.entry[i][j][s];
+            on[j][i] = now.entry[i][j][s] - before.entry[i][j][s];
+        }
+    return determinant_along<d>(edges, on);
 }
 
 /// Steps (m,) until a corner determinant of the cells with these nodes (m, k) is `left` times its present value, up to the
@@ -114,21 +46,22 @@ void until_inverted(Matrix<const double> points, Matrix<const double> start, Mat
         const auto starts = from_points<Type>(start, count, rows.cells<Type>(), rows.inside);
         Jacobians<d> now, before;
         double* found = steps + first;
+        const auto always = [](double) { return true; };
         std::fill_n(found, count, never);
         for (int k = 0; k < static_cast<int>(Type::corners.size()); ++k) {
             positions(k, now);
             starts(k, before);
             Index may[together], any = 0;
             const auto above_left = [&](Index s) {
-                Cubic p = determinant_along<d>(now, before, s);
+                Cubic p = determinant_of<d>(now, before, s);
                 p[0] -= left * p[0];
                 return p;
             };
-            for (Index s = 0; s < count; ++s) any += may[s] = may_invert(above_left(s), horizon);
+            for (Index s = 0; s < count; ++s) any += may[s] = may_fall(above_left(s), horizon);
             for (Index s = 0; any && s < count; ++s) {
                 if (!may[s]) continue;
                 const Cubic p = above_left(s);
-                found[s] = p[0] > 0.0 ? std::min(found[s], first_root(p, std::min(horizon, found[s]))) : 0.0;
+                found[s] = p[0] > 0.0 ? std::min(found[s], first_root(p, std::min(horizon, found[s]), always)) : 0.0;
             }
         }
     }

@@ -123,23 +123,21 @@ class Members {
     template <class Basis, Index K>
     void add_transposed(const Along& along, Index k, const double* values, double* back, Index nc) const {
         const Index n = size(), nz = along[2].size(), plane = along[1].size() * nz;
-        std::vector<double> ahead(along[0].size() * lanes), across(plane * lanes);
+        double squares[3][side][lanes];
+        std::vector<double> across(plane * lanes);
         for (Index first = 0; first < n; first += lanes) {
-            double at[3][lanes];
             for (int axis = 0; axis < 3; ++axis)
-                for (Index l = 0; l < lanes; ++l) at[axis][l] = at_[axis][std::min(first + l, n - 1)];
-            for (std::size_t i = 0; i < along[0].size(); ++i)
+                for (std::size_t i = 0; i < along[axis].size(); ++i)
+                    for (Index l = 0; l < lanes; ++l)
+                        squares[axis][i][l] =
+                            square(along[axis][i] * inverse_radius_ - at_[axis][std::min(first + l, n - 1)]);
+            for (Index place = 0; place < plane; ++place)
                 for (Index l = 0; l < lanes; ++l)
-                    ahead[i * lanes + l] = square(along[0][i] * inverse_radius_ - at[0][l]);
-            for (Index place = 0; place < plane; ++place) {
-                const double y = along[1][place / nz] * inverse_radius_, z = along[2][place % nz] * inverse_radius_;
-                for (Index l = 0; l < lanes; ++l)
-                    across[place * lanes + l] = square(y - at[1][l]) + square(z - at[2][l]);
-            }
+                    across[place * lanes + l] = squares[1][place / nz][l] + squares[2][place % nz][l];
             for (Index c = 0; c < k; c += K) {
                 double sums[K][lanes] = {};
                 for (std::size_t i = 0; i < along[0].size(); ++i)
-                    add_plane<Basis, K>(&ahead[i * lanes], across.data(), plane, values + i * plane * k + c, k, sums);
+                    add_plane<Basis, K>(squares[0][i], across.data(), plane, values + i * plane * k + c, k, sums);
                 for (Index l = 0; l < std::min(lanes, n - first); ++l)
                     for (Index m = 0; m < K; ++m) back[(c + m) * nc + numbers_[first + l]] += sums[m][l];
             }
@@ -235,11 +233,32 @@ void sum_block(Matrix<const double> centres, Matrix<const double> weights, doubl
             std::copy(line, line + sizes[2] * k, out[x][y].data() + block[2].first * k);
 }
 
+static_assert(last_order <= lanes);
+
+/// The last axis of restricted: each line of values (q, K) becomes one of p. A vector has the p places of a component.
+template <Index K>
+void restrict_lines(const std::vector<double>& values, int p, const Resampling& matrix, int q, Index k,
+                    std::vector<double>& few) {
+    double turned[side][lanes] = {};
+    for (int x = 0; x < q; ++x)
+        for (int i = 0; i < p; ++i) turned[x][i] = matrix[i][x];
+    const double* from = values.data();
+    for (double* to = few.data(); to != few.data() + few.size(); from += q * k, to += p * k)
+        for (Index c = 0; c < k; c += K) {
+            double sums[K][lanes] = {};
+            for (int x = 0; x < q; ++x)
+                for (Index m = 0; m < K; ++m)
+                    for (Index i = 0; i < lanes; ++i) sums[m][i] += turned[x][i] * from[x * k + c + m];
+            for (int i = 0; i < p; ++i)
+                for (Index m = 0; m < K; ++m) to[i * k + c + m] = sums[m][i];
+        }
+}
+
 /// few (p^3, k) = the transpose of add_resampled of values (q[0] × q[1] × q[2], k), along one axis after the other.
 std::vector<double> restricted(std::vector<double> values, int p, const Resampling* const* matrices, const int* q,
                                Index k) {
     Index before = 1, after = Index{q[1]} * q[2] * k;
-    for (int axis = 0; axis < 3; ++axis) {
+    for (int axis = 0; axis < 2; ++axis) {
         std::vector<double> few(before * p * after);
         for (Index b = 0; b < before; ++b)
             for (int i = 0; i < p; ++i)
@@ -251,9 +270,12 @@ std::vector<double> restricted(std::vector<double> values, int p, const Resampli
                 }
         values = std::move(few);
         before *= p;
-        if (axis < 2) after /= q[axis + 1];
+        after /= q[axis + 1];
     }
-    return values;
+    std::vector<double> few(before * p * k);
+    if (k == 3) restrict_lines<3>(values, p, *matrices[2], q[2], k, few);
+    else restrict_lines<1>(values, p, *matrices[2], q[2], k, few);
+    return few;
 }
 
 /// The transpose of sum_block: back (k, nc) += …

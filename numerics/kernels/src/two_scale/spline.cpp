@@ -159,68 +159,45 @@ template <int A, int W, int F, class Step>
     }
 }
 
-/// The transpose of sum_stencil: W numbers, times the weights, are added to each point of a stencil. Sums of consecutive
-/// points in the same cell are collected, and added to the coefficients together.
-template <int A, int W>
-class StencilSums {
-  public:
-    [[gnu::always_inline]] void add(const std::array<Four, A>& weights, const double* values) {
-        double numbers[4 * W];
-        for (int m = 0; m < 4; ++m)
-            for (int c = 0; c < W; ++c) numbers[m * W + c] = weights[A - 1][m] * values[c];
-        const Line part(numbers);
+/// The transpose of sum_stencil: W numbers, times the weights, are added to each point of a stencil.
+template <int A, int W, class Step>
+[[gnu::always_inline]] inline void add_stencil(double* first, Step step, const std::array<Index, A>& stride,
+                                               const std::array<Four, A>& weights, const double* values) {
+    constexpr int leading = A == 3 ? 16 : A == 2 ? 4 : 1, wide = W / 2, narrow = W % 2;
+    double numbers[4 * W];
+    for (int m = 0; m < 4; ++m)
+        for (int c = 0; c < W; ++c) numbers[m * W + c] = weights[A - 1][m] * values[c];
+    std::array<Eight, wide> eights;
+    std::array<Quad, narrow> quads;
+    if constexpr (wide > 0) std::memcpy(eights.data(), numbers, sizeof eights);
+    if constexpr (narrow > 0) std::memcpy(quads.data(), numbers + 8 * wide, sizeof quads);
 #pragma GCC unroll 16
-        for (int p = 0; p < leading; ++p) {
-            double weight = 1.0;
-            for (int axis = 0; axis < A - 1; ++axis) weight *= weights[axis][layer(p, axis)];
-            lines_[p].add(weight, part);
+    for (int p = 0; p < leading; ++p) {
+        const int layer[] = {A == 3 ? p / 4 : p, p % 4};
+        double* line = first;
+        double weight = 1.0;
+        for (int axis = 0; axis < A - 1; ++axis) {
+            line += layer[axis] * stride[axis] * step;
+            weight *= weights[axis][layer[axis]];
         }
-    }
-
-    /// Adds the sums to the coefficients from `to` on, which are `step` numbers apart, and begins new ones.
-    template <class Step>
-    void flush(double* to, Step step, const std::array<Index, A>& stride) {
-        for (int p = 0; p < leading; ++p) {
-            double* line = to;
-            for (int axis = 0; axis < A - 1; ++axis) line += layer(p, axis) * stride[axis] * step;
-            if constexpr (std::is_same_v<Step, Index>) {
-                for (int m = 0; m < 4; ++m) line[m * step] += lines_[p].quad[0][m];
-            } else {
-                Line sum(line);
-                sum.add(1.0, lines_[p]);
-                sum.store(line);
+        if constexpr (std::is_same_v<Step, Index>) {
+            for (int m = 0; m < 4; ++m) line[m * step] += weight * quads[0][m];
+        } else {
+            for (int q = 0; q < wide; ++q) {
+                Eight sum;
+                std::memcpy(&sum, line + 8 * q, sizeof sum);
+                sum += weight * eights[q];
+                std::memcpy(line + 8 * q, &sum, sizeof sum);
             }
-            lines_[p] = {};
+            for (int q = 0; q < narrow; ++q) {
+                Quad sum;
+                std::memcpy(&sum, line + 8 * wide, sizeof sum);
+                sum += weight * quads[q];
+                std::memcpy(line + 8 * wide, &sum, sizeof sum);
+            }
         }
     }
-
-  private:
-    static constexpr int leading = A == 3 ? 16 : A == 2 ? 4 : 1, wide = W / 2, narrow = W % 2;
-
-    static constexpr int layer(int p, int axis) { return A == 3 && axis == 0 ? p / 4 : p % 4; }
-
-    /// The 4 W numbers of a line along the last axis.
-    struct Line {
-        std::array<Eight, wide> eight{};
-        std::array<Quad, narrow> quad{};
-
-        Line() = default;
-        explicit Line(const double* at) {
-            for (int q = 0; q < wide; ++q) std::memcpy(&eight[q], at + 8 * q, sizeof(Eight));
-            for (int q = 0; q < narrow; ++q) std::memcpy(&quad[q], at + 8 * wide, sizeof(Quad));
-        }
-        [[gnu::always_inline]] void add(double weight, const Line& other) {
-            for (int q = 0; q < wide; ++q) eight[q] += weight * other.eight[q];
-            for (int q = 0; q < narrow; ++q) quad[q] += weight * other.quad[q];
-        }
-        void store(double* at) const {
-            for (int q = 0; q < wide; ++q) std::memcpy(at + 8 * q, &eight[q], sizeof(Eight));
-            for (int q = 0; q < narrow; ++q) std::memcpy(at + 8 * wide, &quad[q], sizeof(Quad));
-        }
-    };
-
-    Line lines_[leading];
-};
+}
 
 /// Points in the order of the slabs of cells that contain them, each with its box. Slabs of a box that are not adjacent
 /// share no coefficient.
@@ -389,25 +366,17 @@ void add_spline_coefficients(Matrix<const double> points, Matrix<const double> o
         const auto boxes = boxes_of<A>(origin, inverse, cells, start, out.shape(0));
         const Matrix<const double> coefficients(out.data(), {out.shape(0), k});
         Slabs(points, boxes).for_slabs([&](Index b, Vector<const Node> slab) {
-            for (Index c = 0; c < k; c += W) {
-                StencilSums<A, W> sums;
-                double* to = nullptr;
-                const auto flush = [&] {
-                    if constexpr (W > 1) sums.flush(to, std::integral_constant<Index, W>{}, boxes[b].stride);
-                    else sums.flush(to, k, boxes[b].stride);
-                };
-                for (const Node i : slab) {
-                    const double* const value = values[i].data() + c;
-                    if (std::all_of(value, value + W, [](double part) { return part == 0.0; })) continue;
-                    std::array<double, A> x;
-                    for (int axis = 0; axis < A; ++axis) x[axis] = points(i, axis);
-                    const Stencil<A, false> at(x, boxes[b], coefficients);
-                    double* const first = out.data() + (at.first - coefficients.data()) + c;
-                    if (to && first != to) flush();
-                    to = first;
-                    sums.add(at.value, value);
-                }
-                if (to) flush();
+            for (const Node i : slab) {
+                const double* const value = values[i].data();
+                if (std::all_of(value, value + k, [](double part) { return part == 0.0; })) continue;
+                std::array<double, A> x;
+                for (int axis = 0; axis < A; ++axis) x[axis] = points(i, axis);
+                const Stencil<A, false> at(x, boxes[b], coefficients);
+                double* const first = out.data() + (at.first - coefficients.data());
+                if constexpr (W > 1)
+                    add_stencil<A, W>(first, std::integral_constant<Index, W>{}, at.stride, at.value, value);
+                else
+                    for (Index c = 0; c < k; ++c) add_stencil<A, W>(first + c, k, at.stride, at.value, value + c);
             }
         });
     });

@@ -142,9 +142,10 @@ class NestedGrid:
         ]
         values = []
         for box, found in zip(self.boxes[::-1], own[::-1], strict=True):  # each box before its parent
-            counted = self._blend_transposed(found, box, own[box.parent]) if box.parent >= 0 else found
             # transposed: the same differences along an axis, with zeros beyond both ends
-            counted = np.pad(counted, [(2, 2)] * self.dimension + [(0, 0)])
+            counted = np.zeros((*(n + 4 for n in found.shape[:-1]), components))
+            inner = counted[(slice(2, -2),) * self.dimension]
+            inner[:] = self._blend_transposed(found, box, own[box.parent]) if box.parent >= 0 else found
             for axis in range(self.dimension):
                 counted = _quasi_interpolated(counted, axis)
             values.append(counted.reshape(-1, components))
