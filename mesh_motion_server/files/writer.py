@@ -29,7 +29,7 @@ def check_target(path: Path, source: Path | None = None) -> Format | None:
         The format of ``source``, if a copy of that file with moved nodes is to be written.
     """
     ending, of_source = path.suffix.lower(), source.suffix.lower() if source else ""
-    if ending == ".npz" or (ending == ".vtu" and of_source != ".vtu"):
+    if ending == ".npz" or (ending == ".vtu" and (source is None or of_source != ".vtu" or not source.exists())):
         require_file_place(path)
         return None
     own = format_of(source) if source is not None else None

@@ -320,7 +320,7 @@ def vtkhdf(path: Path) -> None:
 
 
 def own(path: Path) -> None:
-    write_mesh(path, MeshFile(POINTS, {"hexahedron": CELLS}, PATCHES, path.with_suffix("")))
+    write_mesh(path, MeshFile(POINTS, {"hexahedron": CELLS}, PATCHES, path))
 
 
 def su2(path: Path) -> None:
