@@ -155,7 +155,7 @@ def _move(source: Path, target: Path, points: Floats) -> None:
     Raises InvalidInput if the target's ending stands for another byte order or precision: programs read it by that.
     """
     endings = [found[0] if (found := _ENDING.search(path.name)) else "" for path in (source, target)]
-    if endings[0] != endings[1]:
+    if endings[1] not in (".ugrid", endings[0]):
         raise InvalidInput(f"{target}: a copy of {source} ends in {endings[0]}, too", hint="rename it")
     edit(source, target, lambda data: replaced(data, [_content(data).place], points))
     if _mapbc(source).is_file() and _mapbc(source) != _mapbc(target):
