@@ -23,7 +23,7 @@ from mesh_motion_server.files.programs.su2 import SU2
 from mesh_motion_server.files.programs.ucd import UCD
 from mesh_motion_server.files.programs.ugrid import UGRID
 from mesh_motion_server.files.programs.unv import UNV
-from mesh_motion_server.files.vtk.reading import VTK, VTKHDF, VTU
+from mesh_motion_server.files.vtk.reading import PVTU, VTK, VTKHDF, VTU
 from mesh_motion_server.files.xdmf import XDMF
 
 _MESHED = "it has no cells of a volume: mesh the space around it, for example in Gmsh: gmsh -3 -format msh41"
@@ -62,6 +62,7 @@ FORMATS: tuple[Format, ...] = (
     FLUENT,
     FLUENT_HDF5,
     SU2,
+    PVTU,
     VTU,
     VTK,
     VTKHDF,
@@ -133,6 +134,11 @@ FORMATS: tuple[Format, ...] = (
         rb"(?m)^[ \t]*COOR_[23]D\b",
         "code_aster writes MED, which is read: IMPR_RESU(FORMAT='MED', RESU=_F(MAILLAGE=…))",
     ),
+    _named(
+        "a list of a series (ParaView)", (".series",), rb'"file-series-version"', "give one of the files that it names"
+    ),
+    _named("a FLAC3D grid", (".f3grid",), rb"\A\* FLAC3D", _BY_MESHIO),
+    _named("a PERMAS model", (".dato",), rb"(?m)^\$ENTER COMPONENT", _BY_MESHIO),
     _named("a Nektar++ mesh", (".xml",), rb"<NEKTAR\b", "FieldConvert FILE mesh.vtu"),
     _named("an FEBio model", (".feb",), rb"<febio_spec\b", "FEBio Studio exports .vtk, which is read"),
     _named("a mesh of DOLFIN", (".xml",), rb"<dolfin\b", _BY_MESHIO),

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from mesh_motion_server.files.format import Format
 from mesh_motion_server.files.mesh_file import MeshFile
 from mesh_motion_server.files.npz import write_npz
-from mesh_motion_server.files.reader import format_of
+from mesh_motion_server.files.reader import SUFFIXES, format_of
 from mesh_motion_server.files.replace import require_file_place, require_folder_place
 from mesh_motion_server.files.vtk.reading import PATCH_PREFIX
 from mesh_motion_server.files.vtk.vtu import write_vtu
@@ -26,19 +26,17 @@ def check_target(path: Path, source: Path | None = None) -> Format | None:
     Format or None
         The format of ``source``, if a copy of that file with moved nodes is to be written.
     """
-    if path.suffix.lower() in (".npz", ".vtu"):
+    ending, of_source = path.suffix.lower(), source.suffix.lower() if source else ""
+    if ending == ".npz" or (ending == ".vtu" and (source is None or of_source != ".vtu" or not source.exists())):
         require_file_place(path)
         return None
     own = format_of(source) if source is not None else None
-    if (
-        source is None
-        or own is None
-        or own.move is None
-        or path.suffix.lower() not in (source.suffix.lower(), *own.suffixes)
-    ):
+    of_folder = own is not None and (own.folder or of_source == ".foam")
+    fits = ending not in SUFFIXES if of_folder else ending == of_source
+    if source is None or own is None or own.move is None or not fits:
         also = f" and, as {own.name}, {source.suffix or 'a folder'}" if source and own and own.move else ""
         raise InvalidInput(f"{path}: .npz and .vtu are written{also}", hint="give a file name with such an ending")
-    if own.folder or source.suffix.lower() == ".foam":
+    if of_folder:
         require_folder_place(path)
         if path.exists():
             raise InvalidInput(f"{path}: exists already", hint="name a new folder")

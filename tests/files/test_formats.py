@@ -78,7 +78,9 @@ def test_every_format_says_the_same_and_comes_back_with_moved_nodes(tmp_path: Pa
         np.testing.assert_array_equal(after.cells[kind], nodes)
     assert lists(after.patches) == {key: nodes.tolist() for key, nodes in PATCHES.items()}
     write_mesh(tmp_path / f"back_{name}", replace(after, points=mesh.points))  # nothing but coordinates has changed
-    if path.is_file() and not name.endswith(("h5", "hdf", "h5.xdmf", ".xmf", "cgns", "med", "exo", ".e", ".npz")):
+    if path.is_file() and not name.endswith(
+        ("h5", "hdf", "h5.xdmf", ".xmf", "cgns", "med", "exo", ".e", ".npz", ".vtu")
+    ):
         assert (tmp_path / f"back_{name}").read_bytes().split() == path.read_bytes().split()
 
 
@@ -100,6 +102,32 @@ def test_a_target_with_any_name_comes_back_or_is_refused(tmp_path: Path, name: s
         return
     write_mesh(target, moved)
     np.testing.assert_array_equal(read_mesh(target).points, moved.points)
+
+
+@pytest.mark.parametrize(
+    ("source", "target"),
+    [
+        ("box.mesh", "moved.meshb"),
+        ("box.vtu", "moved.vts"),
+        ("box.b8.ugrid", "moved.lb8.ugrid"),
+        ("box.ugrid", "moved.b8.ugrid"),
+    ],
+)
+def test_a_copy_with_an_ending_for_another_encoding_is_refused(tmp_path: Path, source: str, target: str) -> None:
+    """The copy has the encoding of its source, but other programs go by the ending."""
+    WRITERS["box" + Path(source).suffix](tmp_path / source)
+    with pytest.raises(InvalidInput, match=r"are written and, as|a copy of .* ends in "):
+        write_mesh(tmp_path / target, read_mesh(tmp_path / source))
+    assert not list(tmp_path.glob("moved*"))
+
+
+def test_a_folder_s_copy_has_any_name_but_a_file_s(tmp_path: Path) -> None:
+    WRITERS["box_elmer"](tmp_path / "case.v2")
+    mesh = read_mesh(tmp_path / "case.v2")
+    write_mesh(tmp_path / "moved", mesh)
+    np.testing.assert_array_equal(read_mesh(tmp_path / "moved").points, mesh.points)
+    with pytest.raises(InvalidInput, match=r"moved\.msh: \.npz and \.vtu are written"):
+        write_mesh(tmp_path / "moved.msh", mesh)
 
 
 @pytest.mark.parametrize("name", [name for name in WRITERS if not name.endswith(_BINARY)])
@@ -226,6 +254,12 @@ def test_vtk_reads_the_same_cells_of_fluent(tmp_path: Path) -> None:
         ("m.h5m", "\x89HDF\r\n\x1a\n", r"a MOAB mesh, which is not read \(.*mbconvert"),
         ("m.e", "CDF\5", r"a netCDF file of 64-bit numbers \(CDF-5\), which is not read \(nccopy"),
         ("m.pvts", '<VTKFile type="PStructuredGrid"/>', "Append Datasets"),
+        ("m.pvtr", '<VTKFile type="PRectilinearGrid"/>', "Append Datasets"),
+        ("m.vtm", '<VTKFile type="vtkMultiBlockDataSet"/>', "give one of the files"),
+        ("m.vtpc", '<VTKFile type="vtkPartitionedDataSetCollection"/>', "give one of the files"),
+        ("m.vtu.series", '{"file-series-version": "1.0"}', "give one of the files"),
+        ("m.f3grid", "* FLAC3D grid\n", r"a FLAC3D grid, which is not read \(meshio"),
+        ("m.dato", "!\n$ENTER COMPONENT NAME=X\n", r"a PERMAS model, which is not read \(meshio"),
         ("m.vtu", '<VTKFile type="UnstructuredGrid" compressor="vtkLZ4DataCompressor"/>', "LZ4.*compressor ZLib"),
         ("m.msh", '(1 "meshio 5.3.5")\n(2 3)\n', r"cells without faces, written by meshio as 'ansys'.*\(let meshio"),
         ("m.msh", "$NOD\n3\n", r"a Gmsh mesh of version 1, which is not read \(Gmsh reads it"),
@@ -448,7 +482,7 @@ def test_med_and_exodus_files_that_do_not_fit(tmp_path: Path) -> None:
     one_line(path, "element 1 of type HE8 names node 99")
     med(path)
     changed_hdf5(path, lambda file: file[f"{step}/MAI"].move("HE8", "POE"))
-    one_line(path, r"elements of type POE \(polyhedra\); known are")
+    one_line(path, r"elements of type POE \(polyhedra\); known are .*writeVTK makes a \.vtu")
     for key, value, message in (("TYP", 1, "'box' is structured"), ("REP", 1, "of the mesh 'box' are cylindrical")):
         med(path)
         changed_hdf5(path, lambda file, key=key, value=value: file["ENS_MAA/box"].attrs.update({key: value}))

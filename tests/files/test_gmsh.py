@@ -129,6 +129,18 @@ def test_without_groups_the_curves_of_the_geometry_are_patches(
     assert mesh.notes == ("it has no physical groups: the curves of its geometry are the patches, by their numbers",)
 
 
+@pytest.mark.parametrize("binary", [0, 1])
+def test_names_of_groups_are_not_given_to_curves_with_the_same_number(model: Any, tmp_path: Path, binary: int) -> None:
+    """With Mesh.SaveAll, version 2.2 has the names of the groups, but no element is in them."""
+    square(model)
+    gmsh.option.setNumber("Mesh.SaveAll", 1)
+    mesh = read_mesh(save(tmp_path / "m.msh", 2.2, binary))
+    assert sorted(mesh.patches) == [str(tag) for _, tag in model.getEntities(1)]
+    (note,) = mesh.notes
+    assert note.startswith("no element is in its group ")
+    assert "(Mesh.SaveAll?): the curves of its geometry are the patches" in note
+
+
 def numbers(path: Path) -> list[float | str]:
     return [float(word) if word[-1:].isdigit() else word for word in path.read_text().split()]
 

@@ -128,11 +128,13 @@ def test_prisms_of_five_and_six_sides_are_divided(tmp_path: Path, sides: int) ->
     )
 
 
-@pytest.mark.parametrize("name", ["old.vtk", "new.vtk", "new.vtkhdf"])
+@pytest.mark.parametrize("name", FILES)
 def test_polyhedra_come_back_with_moved_nodes(tmp_path: Path, name: str) -> None:
     FILES[name](tmp_path / name)
     mesh = read_mesh(tmp_path / name)
     write_mesh(tmp_path / f"moved-{name}", replace(mesh, points=mesh.points * 2))
+    if name.endswith("vtu"):  # whole, not in pieces
+        assert b'Name="face' in (tmp_path / f"moved-{name}").read_bytes()
     again = read_mesh(tmp_path / f"moved-{name}")
     np.testing.assert_array_equal(again.points[:16], mesh.points[:16] * 2)
     assert total(again) == pytest.approx(8 * (AREA + 1.0))

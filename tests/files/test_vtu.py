@@ -399,6 +399,81 @@ def rewritten(path: Path, mode: str) -> Path:
     return path.with_name("theirs_" + path.name)
 
 
+@pytest.mark.parametrize(
+    ("mode", "compressor", "encoded", "header", "order"),
+    [
+        ("Ascii", "None", False, 32, "Little"),
+        ("Binary", "None", False, 32, "Big"),
+        ("Binary", "ZLib", False, 64, "Little"),
+        ("Appended", "None", False, 64, "Big"),
+        ("Appended", "LZMA", True, 32, "Little"),
+    ],
+)
+def test_vtk_s_file_comes_back_with_moved_nodes_and_all_its_arrays(
+    tmp_path: Path, mode: str, compressor: str, encoded: bool, header: int, order: str, all_solids: Mesh
+) -> None:
+    xml = pytest.importorskip("vtkmodules.vtkIOXML")
+    support = pytest.importorskip("vtkmodules.util.numpy_support")
+    points, cells = all_solids
+    data = {"patch_low": points[:, 2] == 0.0, "velocity": points * 2}
+    write_vtu(tmp_path / "ours.vtu", points, CellTable.from_arrays(cells), point_data=data)
+    writer = xml.vtkXMLUnstructuredGridWriter()
+    writer.SetFileName(str(path := tmp_path / "m.vtu"))
+    writer.SetInputData(vtk_read(tmp_path / "ours.vtu"))
+    for setting in (f"DataModeTo{mode}", f"CompressorTypeTo{compressor}", f"HeaderTypeToUInt{header}"):
+        getattr(writer, "Set" + setting)()
+    getattr(writer, f"SetByteOrderTo{order}Endian")()
+    writer.SetEncodeAppendedData(encoded)
+    assert writer.Write()
+    mesh = read_mesh(path)
+    write_mesh(tmp_path / "moved.vtu", replace(mesh, points=mesh.points / 3))
+    before, after = vtk_read(path), vtk_read(tmp_path / "moved.vtu")
+    np.testing.assert_array_equal(support.vtk_to_numpy(after.GetPoints().GetData()), mesh.points / 3)
+    for old, new in ((before.GetPointData(), after.GetPointData()), (before.GetCellData(), after.GetCellData())):
+        assert old.GetNumberOfArrays() == new.GetNumberOfArrays() > 0
+        for number in range(old.GetNumberOfArrays()):
+            values = [support.vtk_to_numpy(arrays.GetArray(number)) for arrays in (old, new)]
+            np.testing.assert_array_equal(*values)
+    again = read_mesh(tmp_path / "moved.vtu")
+    np.testing.assert_array_equal(again.points, mesh.points / 3)
+    assert lists(again.patches) == lists(mesh.patches)
+
+
+def test_pieces_come_back_with_their_common_nodes_moved_together(tmp_path: Path) -> None:
+    parts = [tmp_path / f"part_{i}.vtu" for i in range(2)]
+    for part, rows in zip(parts, PARTS, strict=True):
+        points, table, low = two_squares(rows)
+        write_vtu(part, points, table, point_data={"patch_low": low})
+    mesh = read_mesh(path := one_file_of(tmp_path / "whole.vtu", parts))
+    write_mesh(tmp_path / "moved.vtu", replace(mesh, points=mesh.points + 1 / 3))
+    again = read_mesh(tmp_path / "moved.vtu")
+    assert again.notes == mesh.notes
+    np.testing.assert_array_equal(again.points, mesh.points + 1 / 3)
+    assert lists(again.patches) == lists(mesh.patches)
+    listed = "".join(f'<Piece Source="{part.name}"/>' for part in parts)
+    path = tmp_path / "whole.pvtu"
+    path.write_text(f'<VTKFile type="PUnstructuredGrid"><PUnstructuredGrid>{listed}</PUnstructuredGrid></VTKFile>')
+    with pytest.raises(InvalidInput, match=r"moved\.pvtu: \.npz and \.vtu are written"):
+        write_mesh(tmp_path / "moved.pvtu", read_mesh(path))
+
+
+@pytest.mark.parametrize("binary", [False, True])
+def test_bytes_that_vtk_writes_as_colours_are_patches(tmp_path: Path, binary: bool) -> None:
+    """VTK's legacy writer has no other word for the active scalars of a grid if they are bytes."""
+    legacy = pytest.importorskip("vtkmodules.vtkIOLegacy")
+    points, table, low = two_squares()
+    write_vtu(tmp_path / "m.vtu", points, table, point_data={"patch_low": low * np.uint8(1)})
+    grid = vtk_read(tmp_path / "m.vtu")
+    grid.GetPointData().SetActiveScalars("patch_low")
+    writer = legacy.vtkUnstructuredGridWriter()
+    writer.SetFileName(str(tmp_path / "m.vtk"))
+    writer.SetInputData(grid)
+    writer.SetFileType(1 + binary)
+    assert writer.Write()
+    assert b"COLOR_SCALARS" in (tmp_path / "m.vtk").read_bytes()
+    assert lists(read_mesh(tmp_path / "m.vtk").patches) == {"low": np.flatnonzero(low).tolist()}
+
+
 @pytest.mark.parametrize("form", ["raw", "Ascii", "Binary", "pvtu"])
 def test_pieces_are_one_mesh_with_their_common_nodes_joined(tmp_path: Path, form: str) -> None:
     parts = [tmp_path / f"part_{i}.vtu" for i in range(2)]

@@ -283,17 +283,17 @@ def _merge(blocks: list[_Block]) -> Integers:
 def _patches(content: _Content, rows: NumberedRows) -> dict[str, Integers]:
     """{name: (p,) node rows, with repeats} of the groups of lower dimension than the mesh."""
     top = max((block.dimension for block in content.blocks), default=0)
-    lower = [block for block in content.blocks if block.dimension < top]
+    lower, of_groups = [block for block in content.blocks if block.dimension < top], content.names
     if not any(block.groups for block in lower) and top > 1:
         lower = [
             replace(block, groups=(block.entity,)) for block in lower if block.entity and block.dimension == top - 1
         ]
         if lower:
-            what = "surfaces" if top == 3 else "curves"
-            content.notes.append(
-                f"it has no physical groups: the {what} of its geometry are the patches, by their numbers"
-            )
-    names = group_names([(block.dimension, group) for block in lower for group in block.groups], content.names)
+            what, of_groups = "surfaces" if top == 3 else "curves", {}
+            lost = [name for (dimension, _), name in content.names.items() if dimension == top - 1]
+            why = f"no element is in its group {lost[0]!r} (Mesh.SaveAll?)" if lost else "it has no physical groups"
+            content.notes.append(f"{why}: the {what} of its geometry are the patches, by their numbers")
+    names = group_names([(block.dimension, group) for block in lower for group in block.groups], of_groups)
     found: dict[str, list[tuple[int, Integers]]] = defaultdict(list)
     for block in lower:
         for group in block.groups:

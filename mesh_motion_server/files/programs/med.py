@@ -94,7 +94,8 @@ def _elements(path: Path, mesh: Any, n_points: int) -> tuple[dict[str, tuple[str
     found = {}
     for key in mesh.get("MAI", ()):
         if key not in _TYPES:
-            raise ValueError(f"elements of type {key}{_POLY.get(key, '')}; known are {', '.join(_TYPES)}")
+            way = "; MEDCoupling's writeVTK makes a .vtu of them, which is read" if key in _POLY else ""
+            raise ValueError(f"elements of type {key}{_POLY.get(key, '')}; known are {', '.join(_TYPES)}{way}")
         name, count = _TYPES[key]
         nodes = _components(path, mesh[f"MAI/{key}/NOD"], "iu") - 1
         wrong = np.argwhere((nodes < 0) | (nodes >= n_points))

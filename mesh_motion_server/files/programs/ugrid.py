@@ -32,6 +32,8 @@ _CELLS = (
 )
 #: FUN3D's conditions: symmetry in x, y, z, or in any plane.
 _SYMMETRY = range(6660, 6664)
+#: What stands for the byte order and precision, and the ending.
+_ENDING = re.compile(r"(\.l?[bru][48])?\.ugrid$")
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,11 +144,17 @@ def _names(path: Path) -> tuple[dict[int, str], set[str]]:
 
 def _mapbc(path: Path) -> Path:
     """The file of the conditions: ``wing.mapbc`` of ``wing.lb8.ugrid``."""
-    return path.with_name(re.sub(r"(\.l?[bru][48])?\.ugrid$", "", path.name) + ".mapbc")
+    return path.with_name(_ENDING.sub("", path.name) + ".mapbc")
 
 
 def _move(source: Path, target: Path, points: Floats) -> None:
-    """Write the file with other coordinates of the nodes, and a copy of the names with it."""
+    """Write the file with other coordinates of the nodes, and a copy of the names with it.
+
+    Raises InvalidInput if the target's ending stands for another byte order or precision: programs read it by that.
+    """
+    endings = [found[0] if (found := _ENDING.search(path.name)) else "" for path in (source, target)]
+    if endings[1] not in (".ugrid", endings[0]):
+        raise InvalidInput(f"{target}: a copy of {source} ends in {endings[0]}, too", hint="rename it")
     edit(source, target, lambda data: replaced(data, [_content(data).place], points))
     if _mapbc(source).is_file() and _mapbc(source) != _mapbc(target):
         shutil.copyfile(_mapbc(source), _mapbc(target))

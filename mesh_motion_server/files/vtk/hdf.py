@@ -21,7 +21,7 @@ _COUNTS = ("NumberOfPoints", "NumberOfCells", "NumberOfConnectivityIds")
 
 
 def read_hdf(path: Path) -> list[VtkGrid]:
-    """The parts of a ``.vtkhdf`` file that have cells.
+    """The parts of a ``.vtkhdf`` file.
 
     Raises InvalidInput without h5py; for files of other kinds and damaged ones.
     """
@@ -51,7 +51,7 @@ def read_hdf(path: Path) -> list[VtkGrid]:
         has_faces = "FaceConnectivity" in root and any((of == POLYHEDRON).any() for of in types)
         faces = _faces(path, root, count, cells) if has_faces else [None] * count
         grids = zip(xyz, types, offsets, connectivity, of_points, of_cells, faces, strict=True)
-        return [VtkGrid(*parts) for parts in grids if len(parts[1])]
+        return [VtkGrid(*parts) for parts in grids]
 
 
 def move_hdf(source: Path, target: Path, points: Floats) -> None:

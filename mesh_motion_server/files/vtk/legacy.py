@@ -162,7 +162,11 @@ def _read_array(file: "_Cursor", arrays: dict[str, Any], key: str, words: list[s
     elif key == "LOOKUP_TABLE":
         file.values(4 * integer(words[2]), "unsigned_char" if file.binary else "float")
     elif key == "COLOR_SCALARS":
-        file.values(rows * integer(words[2]), "unsigned_char" if file.binary else "float")
+        width = integer(words[2])
+        values = file.values(rows * width, "unsigned_char" if file.binary else "float").reshape(rows, width)
+        arrays[words[1]] = (
+            values if file.binary else np.rint(255 * values).astype(np.int64)
+        )  # bytes; text has parts of 255
     elif key in _WIDTHS or key == "TEXTURE_COORDINATES":
         width = integer(words[2]) if key == "TEXTURE_COORDINATES" else _WIDTHS[key]
         arrays[words[1]] = file.values(rows * width, words[-1]).reshape(rows, width)

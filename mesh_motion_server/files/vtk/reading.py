@@ -29,9 +29,9 @@ from mesh_motion_server.files.packages import reason_of
 from mesh_motion_server.files.vtk.grid import VtkGrid
 from mesh_motion_server.files.vtk.hdf import move_hdf, read_hdf
 from mesh_motion_server.files.vtk.legacy import read_legacy
-from mesh_motion_server.files.vtk.pieces import PatchKey, VtkPiece, joined, sources
+from mesh_motion_server.files.vtk.pieces import PatchKey, VtkPiece, joined, numbering, sources
 from mesh_motion_server.files.vtk.polyhedra import divided
-from mesh_motion_server.files.vtk.xml import read_xml
+from mesh_motion_server.files.vtk.xml import read_xml, with_points
 
 PATCH_PREFIX = "patch_"
 #: Arrays of numbers that name patches; the first existing one is used. The comment after each names the program that
@@ -91,7 +91,7 @@ def grids_as_mesh(path: Path, read: Callable[[Path], list[VtkGrid]], files: list
     grids: list[tuple[Path, VtkGrid]] = []
     for file in files:
         with _named_errors(file):
-            grids += [(file, grid) for grid in read(file)]
+            grids += [(file, grid) for grid in read(file) if len(grid.types)]
     listed = []
     for row, (file, grid) in enumerate(grids):
         with _named_errors(file):
@@ -256,6 +256,21 @@ def _move(source: Path, target: Path, points: Floats) -> None:
     edit(source, target, changed)
 
 
-VTU = Format("a VTK file in XML", (".vtu", ".pvtu", ".vts"), re.compile(rb"<VTKFile\b"), _read_vtu)
+def _move_xml(source: Path, target: Path, points: Floats) -> None:
+    """Write the file with other coordinates of the points; nodes of several pieces at one place move together."""
+    grids = read_xml(source)
+    used = [grid for grid in grids if len(grid.types)]
+    first, number = [0], np.arange(len(points))
+    if len(used) > 1:
+        whole = [divided(source, _without_ghosts(grid)).points for grid in used]
+        first = np.cumsum([0, *map(len, whole)]).tolist()
+        number, _ = numbering(source, np.concatenate(whole), np.array(first))
+    for grid, start in zip(used, first, strict=False):
+        grid.points[:, : points.shape[1]] = points[number[start : start + len(grid.points)]]
+    edit(source, target, lambda data: with_points(source, data, [grid.points for grid in grids]))
+
+
+PVTU = Format("a list of VTK's pieces", (".pvtu",), re.compile(rb"<VTKFile\b[^>]*\btype\s*=\s*[\"']PU"), _read_vtu)
+VTU = Format("a VTK file in XML", (".vtu", ".vts"), re.compile(rb"<VTKFile\b"), _read_vtu, move=_move_xml)
 VTK = Format("a legacy VTK file", (".vtk",), re.compile(rb"\A\s*# vtk DataFile"), _read_vtk, move=_move)
 VTKHDF = Format("a VTKHDF file", (".vtkhdf", ".hdf"), re.compile(rb"\A\x89HDF"), _read_hdf, move=move_hdf)

@@ -25,20 +25,22 @@ from mesh_motion_server.files.vtk.grid import POLYHEDRON, CellFaces, VtkGrid, st
 
 _APPENDED = re.compile(rb"<AppendedData\s[^>]*encoding\s*=\s*[\"'](raw|base64)[\"'][^>]*>\s*_")
 _END = b"</AppendedData>"
-_UNPACKERS: dict[str, Callable[[], Any]] = {
-    "vtkZLibDataCompressor": zlib.decompressobj,
-    "vtkLZMADataCompressor": lzma.LZMADecompressor,
+_POINTS = re.compile(rb"(<Points\b[^>]*>\s*)<DataArray\b([^>]*?)(?:/>|>.*?</DataArray\s*>)", re.DOTALL)
+_ASCII = re.compile(rb"format\s*=\s*[\"']ascii")
+#: How a compressor unpacks in steps, and packs.
+_COMPRESSORS: dict[str, tuple[Callable[[], Any], Callable[[bytes], bytes]]] = {
+    "vtkZLibDataCompressor": (zlib.decompressobj, zlib.compress),
+    "vtkLZMADataCompressor": (lzma.LZMADecompressor, lzma.compress),
 }
 _OF_FILES = "give one of the files that it names"
 _ANY = -1  # a list of any length
 _BY_PARAVIEW = "convert it with ParaView's filter Append Datasets, and save the result as .vtu"
 _WAYS_IN = {
-    "Collection": _OF_FILES,
-    "vtkMultiBlockDataSet": _OF_FILES,
-    "ImageData": _BY_PARAVIEW,
-    "RectilinearGrid": _BY_PARAVIEW,
-    "PStructuredGrid": _BY_PARAVIEW,
-    "PolyData": "a surface has no cells of a volume: mesh the space around it",
+    **dict.fromkeys(("Collection", "vtkMultiBlockDataSet"), _OF_FILES),
+    **dict.fromkeys(("vtkPartitionedDataSet", "vtkPartitionedDataSetCollection"), _OF_FILES),
+    **dict.fromkeys(("ImageData", "RectilinearGrid"), _BY_PARAVIEW),
+    **dict.fromkeys(("PImageData", "PRectilinearGrid", "PStructuredGrid"), _BY_PARAVIEW),
+    **dict.fromkeys(("PolyData", "PPolyData"), "a surface has no cells of a volume: mesh the space around it"),
 }
 _TYPES = {
     **{f"Float{bits}": f"f{bits // 8}" for bits in (32, 64)},
@@ -47,7 +49,7 @@ _TYPES = {
 
 
 def read_xml(path: Path) -> list[VtkGrid]:
-    """The pieces of a ``.vtu`` or ``.vts`` file that have cells.
+    """The pieces of a ``.vtu`` or ``.vts`` file.
 
     Raises InvalidInput for other kinds of files. Raises ValueError for damaged files; errors of XML, zlib and lzma are
     passed on.
@@ -62,8 +64,25 @@ def read_xml(path: Path) -> list[VtkGrid]:
     pieces = [piece for grid in values.root.iter(kind) for piece in grid.findall("Piece")]
     if not pieces:
         raise ValueError("it has no Piece")
-    grids = [read(values, piece) for piece in pieces]
-    return [grid for grid in grids if len(grid.types)]
+    return [read(values, piece) for piece in pieces]
+
+
+def with_points(path: Path, raw: bytes, points: list[Floats]) -> bytes:
+    """The file with other points (n, 3) of each piece, in double precision; everything else is the same.
+
+    They are written between the tags of their array, as text or in base64, because the data of other arrays would move
+    otherwise.
+    """
+    values, new = _Values(path, raw), iter(points)
+    appended = _APPENDED.search(raw)
+    end = appended.start() if appended else len(raw)
+
+    def changed(found: re.Match[bytes]) -> bytes:
+        form, text = values.written(next(new), as_text=_ASCII.search(found[2]) is not None)
+        head = b'<DataArray type="Float64" Name="Points" NumberOfComponents="3" format="%s">' % form
+        return b"%s%s\n%s\n</DataArray>" % (found[1], head, text)
+
+    return _POINTS.sub(changed, raw[:end]) + raw[end:]
 
 
 def _unstructured(values: "_Values", piece: ElementTree.Element) -> VtkGrid:
@@ -136,9 +155,9 @@ class _Values:
         self._order = order
         self._integer = np.dtype(order + ("u8" if self.root.get("header_type") == "UInt64" else "u4"))
         self._compressor = self.root.get("compressor")
-        if self._compressor and self._compressor not in _UNPACKERS:
+        if self._compressor and self._compressor not in _COMPRESSORS:
             raise InvalidInput(
-                f"{path}: compressed by {self._compressor}; known are {', '.join(_UNPACKERS)}",
+                f"{path}: compressed by {self._compressor}; known are {', '.join(_COMPRESSORS)}",
                 hint="save it with the compressor ZLib: an option of ParaView, SetCompressorTypeToZLib in VTK",
             )
 
@@ -161,6 +180,17 @@ class _Values:
     def has(self, piece: ElementTree.Element, section: str, name: str) -> bool:
         """Whether a section of a piece has an array with this name."""
         return any(array.get("Name") == name for array in piece.iterfind(f"{section}/DataArray"))
+
+    def written(self, values: Floats, *, as_text: bool) -> tuple[bytes, bytes]:
+        """The format and the text of an array, as :meth:`arrays` reads it."""
+        if as_text:
+            return b"ascii", "\n".join(" ".join(map(repr, row)) for row in values.tolist()).encode()
+        data = values.astype(self._order + "f8").tobytes()
+        if not self._compressor:
+            return b"binary", base64.b64encode(np.array([len(data)], self._integer).tobytes() + data)
+        packed = _COMPRESSORS[self._compressor][1](data)
+        head = np.array([1, len(data), 0, len(packed)], self._integer)  # one block, which is not a part of one
+        return b"binary", base64.b64encode(head.tobytes()) + base64.b64encode(packed)
 
     def _array(self, name: str, array: ElementTree.Element, rows: int | None) -> NDArray[np.generic]:
         dtype = np.dtype(self._order + _TYPES[array.get("type", "")])
@@ -205,7 +235,7 @@ class _Values:
         unpacked, begin, left = [], 0, most
         for length in sizes:
             room = min(left, most_unpacked(self._packed) - self._unpacked) + 1
-            unpacked.append(_UNPACKERS[self._compressor or ""]().decompress(blocks[begin : begin + length], room))
+            unpacked.append(_COMPRESSORS[self._compressor or ""][0]().decompress(blocks[begin : begin + length], room))
             begin, left, self._unpacked = begin + length, left - len(unpacked[-1]), self._unpacked + len(unpacked[-1])
             check_unpacked(self._path, self._packed, self._unpacked)
             if left < 0:
