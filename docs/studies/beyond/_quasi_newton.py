@@ -16,6 +16,7 @@ from mesh_motion_numerics.correction.correction_problem import CorrectionProblem
 from mesh_motion_numerics.correction.distortion import PNorm, determinants, distortion_gradient, mean_distortion
 from mesh_motion_numerics.correction.enrichment.imposed_jacobian import cell_gradients
 from mesh_motion_numerics.correction.enrichment.space import EnrichmentSpace
+from mesh_motion_numerics.correction.free_region import gathered
 from mesh_motion_numerics.correction.trial_nodes import LEVELS, TrialMesh
 from numpy.typing import NDArray
 from scipy.optimize import minimize
@@ -92,7 +93,7 @@ class QuasiNewton:
         if not math.isfinite(energy):
             return _OUTSIDE, np.zeros_like(coefficients)
         shares = distortion_gradient(points, self._region.simplices, weights, norm)
-        return energy, (self._psi.T @ self._region.adjacency.gather(shares)).ravel()
+        return energy, (self._psi.T @ gathered(self._region.adjacency, shares)).ravel()
 
     def _descend(self, norm: PNorm, iterations: int, goal: float) -> None:
         count = 0

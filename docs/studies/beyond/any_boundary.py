@@ -52,9 +52,9 @@ def measured(grid: Grid, degrees: float) -> list[Cell]:
     error = np.abs(left - (wanted - grid.points)[controls]).max() / np.abs(wanted - grid.points).max()
     quality = cell_quality(motion.points, cells, cells_at_rest(grid.points, cells))
     low, high = first_heights(grid, motion.points)
-    spacing = float(local_spacing(grid.points[controls]).min() / found.support_radius)
+    spacing = float(local_spacing(grid.points[controls]).min() / model.method.support_radius)
     relative = quality.relative_extremes()[0]
-    return [len(controls), spacing, condition(found), float(error), relative, low, high]
+    return [len(controls), spacing, condition(found, model.method), float(error), relative, low, high]
 
 
 def turned(points: Floats, degrees: float) -> Floats:
@@ -65,10 +65,10 @@ def turned(points: Floats, degrees: float) -> Floats:
     return moved
 
 
-def condition(found: TwoScaleFactorization) -> float:
+def condition(found: TwoScaleFactorization, method: Method) -> float:
     """Condition of the coarse matrix, from its eigenvalues."""
     points = padded(found.coarse.control_points)
-    matrix = dense_block(basis_named(found.basis.name), found.support_radius, points, points)
+    matrix = dense_block(basis_named(method.basis), method.support_radius, points, points)
     values = np.linalg.eigvalsh(matrix)
     return float(values[-1] / max(values[0], np.finfo(float).tiny))
 
