@@ -21,7 +21,8 @@ source=$("$openfoam/headers.sh" "${parts[@]}")
 
 if [ ! -e "$prefix/lib/libprecice.so" ]; then
   precice=${PRECICE_SOURCE:-$(fetched precice v3.4.1)}
-  cmake -S "$precice" -B "$prefix/build" -DCMAKE_BUILD_TYPE=Release -DBUILD_TESTING=OFF -DPRECICE_FEATURE_MPI_COMMUNICATION=OFF \
+  # with MPI, which the tube's acceleration IQN-IMVJ needs
+  cmake -S "$precice" -B "$prefix/build" -DCMAKE_BUILD_TYPE=Release -DBUILD_TESTING=OFF \
     -DPRECICE_FEATURE_PETSC_MAPPING=OFF -DPRECICE_FEATURE_PYTHON_ACTIONS=OFF -DCMAKE_INSTALL_PREFIX="$prefix" -DCMAKE_INSTALL_LIBDIR=lib
   cmake --build "$prefix/build" --target install -j "$(nproc)"
 fi
