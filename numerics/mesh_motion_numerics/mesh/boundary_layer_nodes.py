@@ -100,7 +100,7 @@ def first_row(
     found = LayerNodes(nodes, places, points[nodes] - places.of(wall.reference))
     large = np.linalg.norm(found.offsets, axis=1) > _OF_BODY * sides[own]
     crowded = _crowded(points, facets, patches, wall, found, own, _FIRST_SHARE)
-    body = wall.bodies()[own]
+    body = wall.bodies[own]
     count, many, near = (np.bincount(body, of, body.max(initial=0) + 1) for of in (None, large, crowded))
     admitted = (2 * many <= count) & (near == 0)  # a part of the row would be worse than none
     return _on_columns(found.chosen(admitted[body]), points, cells, wall)
@@ -155,7 +155,7 @@ def _crowded(
     walls = marks_at(len(points), wall.nodes)
     others = boundary[~walls[boundary].all(axis=1)]
     slides = marks_at(len(points), nodes_with(patches, SLIDING_ROLES))[others].all(axis=1)
-    body = wall.bodies()
+    body = wall.bodies
     crowded = _too_near(points, points[others[~slides]], found, share)
     crowded |= _too_near(points, points[others[slides]], found, share, facing=_FACING)
     for label in range(int(body.max(initial=0)) + 1 if body.any() else 0):

@@ -112,6 +112,7 @@ class MovingWall:
         """(s, d) unit normals in the reference mesh."""
         return facet_frames(self.reference[self.simplices])[:, :, -1]
 
+    @cached_property
     def bodies(self) -> Integers:
         """(s,) number of the connected part of each facet."""
         return _connected(self.simplices, len(self.nodes))
@@ -121,7 +122,7 @@ class MovingWall:
 
         0 if the body has an end, or is not in the interior of the box (2, 2).
         """
-        body, d = self.bodies(), self.reference.shape[1]
+        body, d = self.bodies, self.reference.shape[1]
         closed = np.ones(body.max(initial=-1) + 1, dtype=bool)
         closed[body[(np.bincount(self.simplices.ravel())[self.simplices] != 2).any(axis=1)]] = False
         low, high = np.full((len(closed), d), np.inf), np.full((len(closed), d), -np.inf)
@@ -187,7 +188,7 @@ class MovingWall:
         distance, near = distance.reshape(count, -1), near.reshape(count, -1)
         radius = np.minimum(_SPREAD * self.heights, distance[:, -1])
         body = np.empty(count, dtype=np.int64)
-        body[self.simplices.ravel()] = np.repeat(self.bodies(), d)
+        body[self.simplices.ravel()] = np.repeat(self.bodies, d)
         row, column = np.nonzero((distance < radius[:, None]) & (body[near] == body[:, None]) & (distance > 0.0))
         other = near[row, column]
         extent = np.bincount(self.simplices.ravel(), np.repeat(self._extents, d), count) / self._own.sum(axis=1)
