@@ -4,14 +4,13 @@ import os
 import shutil
 import subprocess
 import sys
-import tarfile
 from collections.abc import Callable
 from email.parser import Parser
 from pathlib import Path
 from zipfile import ZipFile
 
 import pytest
-from bare_environment import ROOT, build, names_in, tracked
+from bare_environment import ROOT, build, names_in, tracked, unpacked
 
 from mesh_motion_server import __version__
 from tests.faults.server_process import ServerProcess
@@ -66,11 +65,9 @@ def test_pip_installs_the_parts_from_a_checkout_or_its_archive(kind: str, tree: 
 
 
 def test_its_sources_alone_build_the_same_wheel(client_wheel: Path, tmp_path: Path) -> None:
-    with tarfile.open(build("sdist", tmp_path, ROOT / FOLDER)) as archive:
-        archive.extractall(tmp_path / "unpacked", filter="data")
-    (unpacked,) = (tmp_path / "unpacked").iterdir()
-    assert {str(path.relative_to(unpacked)) for path in unpacked.rglob("*") if path.is_file()} == {*files(), "PKG-INFO"}
-    assert build("wheel", tmp_path / "again", unpacked).read_bytes() == client_wheel.read_bytes()
+    sources = unpacked(build("sdist", tmp_path, ROOT / FOLDER), tmp_path / "unpacked")
+    assert {str(path.relative_to(sources)) for path in sources.rglob("*") if path.is_file()} == {*files(), "PKG-INFO"}
+    assert build("wheel", tmp_path / "again", sources).read_bytes() == client_wheel.read_bytes()
 
 
 def test_the_program_of_its_page_moves_a_mesh_where_the_server_is_not_installed(

@@ -7,7 +7,7 @@ from pathlib import Path
 from zipfile import ZipFile
 
 import pytest
-from bare_environment import ROOT, build, names_in, tracked
+from bare_environment import ROOT, build, names_in, tracked, unpacked
 
 from mesh_motion_server import __version__
 from tools import manual_pages
@@ -73,17 +73,13 @@ def test_the_wheel_brings_the_manual_pages(wheel: Path) -> None:
 def test_the_sdist_is_the_checkout_and_builds_the_same_wheel(sdist: Path, wheel: Path, tmp_path: Path) -> None:
     with tarfile.open(sdist) as archive:
         files = {member.name.partition("/")[2] for member in archive if member.isfile()}
-        archive.extractall(tmp_path, filter="data")
     assert files == {*tracked(), "PKG-INFO"}
-    (unpacked,) = tmp_path.iterdir()
-    assert build("wheel", tmp_path / "dist", unpacked).read_bytes() == wheel.read_bytes()
+    assert build("wheel", tmp_path / "dist", unpacked(sdist, tmp_path / "unpacked")).read_bytes() == wheel.read_bytes()
 
 
 def test_the_numerics_sources_alone_build_the_same_wheel(numerics_wheel: Path, tmp_path: Path) -> None:
-    with tarfile.open(build("sdist", tmp_path, ROOT / "numerics")) as archive:
-        archive.extractall(tmp_path / "unpacked", filter="data")
-    (unpacked,) = (tmp_path / "unpacked").iterdir()
-    assert build("wheel", tmp_path / "again", unpacked).read_bytes() == numerics_wheel.read_bytes()
+    sources = unpacked(build("sdist", tmp_path, ROOT / "numerics"), tmp_path / "unpacked")
+    assert build("wheel", tmp_path / "again", sources).read_bytes() == numerics_wheel.read_bytes()
 
 
 def test_the_licence_of_the_openfoam_part_goes_with_it(sdist: Path) -> None:

@@ -8,6 +8,7 @@ import os
 import re
 import subprocess
 import sys
+import tarfile
 import venv
 import zipfile
 from collections.abc import Iterable, Sequence
@@ -28,6 +29,15 @@ def build(target: str, folder: Path, source: Path = ROOT) -> Path:
     environment = os.environ | {"SOURCE_DATE_EPOCH": "1700000000"}
     subprocess.run(command, cwd=source, env=environment, check=True, capture_output=True)
     (made,) = folder.glob("*.whl" if target == "wheel" else "*.tar.gz")
+    return made
+
+
+def unpacked(sdist: Path, folder: Path) -> Path:
+    """Unpack a source distribution there; return its folder."""
+    with tarfile.open(sdist) as archive:
+        archive.extraction_filter = getattr(tarfile, "data_filter", None)  # None before Python 3.11.4
+        archive.extractall(folder)
+    (made,) = folder.iterdir()
     return made
 
 

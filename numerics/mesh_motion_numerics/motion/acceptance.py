@@ -139,7 +139,7 @@ def _bisected(holds: Callable[[float], bool], high: float, accuracy: float) -> f
     while above > 1000 * _LEAST and above - low > max(accuracy * above, 1):
         middle = (low + above) // 2
         low, above = (middle, above) if holds(middle / 1000) else (low, middle)
-    return low / 1000
+    return low / 1000 if low >= 1000 * _LEAST else 0.0
 
 
 def _thousandths(fraction: float) -> float:
