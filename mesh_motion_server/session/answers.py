@@ -58,7 +58,7 @@ class Answers(Position):
         else:
             before = self._committed_state.points if along == "step" else self.mesh.points
         worst = () if trial.quality is None else (cell.number for cell in trial.quality.worst)
-        return self.model.headroom(before, trial.points, np.fromiter(worst, dtype=np.int64))
+        return self.model.headroom(before, trial.points, np.fromiter(worst, dtype=np.int64), step=along == "step")
 
     def swept(self, partition: int, faces: Integers | None) -> Floats:
         """Volumes that faces of a partition sweep from the committed state to the trial, length unit to the power d.

@@ -51,9 +51,9 @@ class Model(Protocol):
         """Quality of the mesh with its nodes at ``points`` (n, d)."""
         ...
 
-    def headroom(self, before: Floats, points: Floats, worst: Integers) -> Headroom:
+    def headroom(self, before: Floats, points: Floats, worst: Integers, *, step: bool = True) -> Headroom:
         """The number of further steps like that from ``before`` (n, d) which the mesh, with its ``worst`` (w,) cells,
-        admits at ``points`` (n, d).
+        admits at ``points`` (n, d); ``step``: this is the run's last step.
         """
         ...
 

@@ -66,7 +66,7 @@ class StandIn:
         inverted = int((areas <= 0).sum())
         return QualitySummary("size-skew", values, values, values, values, inverted, len(areas), worst)
 
-    def headroom(self, before: Any, points: Any, worst: Any) -> Headroom:
+    def headroom(self, before: Any, points: Any, worst: Any, *, step: bool = True) -> Headroom:
         """None of its meshes ends."""
         return Headroom(math.inf, math.inf, 0)
 

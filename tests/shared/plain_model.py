@@ -28,7 +28,7 @@ class PlainModel:
         count = sum(len(block) for block in self.cells)
         return QualitySummary("size-skew", values, values, values, values, 0, count, ())
 
-    def headroom(self, before, points, worst):
+    def headroom(self, before, points, worst, *, step=True):
         return Headroom(8.5, 4.25, 0)
 
     def why_no_slope(self):

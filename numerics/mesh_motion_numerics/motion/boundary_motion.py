@@ -143,9 +143,9 @@ class BoundaryMotion:
         del points
         raise SessionError("the trial is not judged, or it was refused", hint="send JUDGE from every partition first")
 
-    def headroom(self, before: Floats, points: Floats, worst: Integers) -> Headroom:
+    def headroom(self, before: Floats, points: Floats, worst: Integers, *, step: bool = True) -> Headroom:
         """Refuse, as :meth:`summary` does."""
-        del before, points, worst
+        del before, points, worst, step
         raise SessionError("the headroom is not known here: the client has the cells")
 
     def why_no_slope(self) -> InvalidInput | None:

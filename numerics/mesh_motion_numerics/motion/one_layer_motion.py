@@ -67,9 +67,9 @@ class OneLayerMotion:
         """Quality of the plane with the nodes at ``points`` (n, 3)."""
         return self._in_space(self.plane.summary(self.layer.project(points)), points)
 
-    def headroom(self, before: Floats, points: Floats, worst: Integers) -> Headroom:
+    def headroom(self, before: Floats, points: Floats, worst: Integers, *, step: bool = True) -> Headroom:
         """The result of :meth:`.PreparedMesh.headroom` for the plane."""
-        return self.plane.headroom(self.layer.project(before), self.layer.project(points), worst)
+        return self.plane.headroom(self.layer.project(before), self.layer.project(points), worst, step=step)
 
     def without_distributions(self) -> Self:
         """The same, judged exactly by its worst cells, without distributions."""

@@ -146,15 +146,16 @@ class PreparedMesh:
         images = () if periodic is None else periodic.generators
         return PossibleCrossing.build(self.points, self.cells, self.roles, self.coincident, sliding, images)
 
-    def headroom(self, before: Floats, points: Floats, worst: Integers) -> Headroom:
+    def headroom(self, before: Floats, points: Floats, worst: Integers, *, step: bool = True) -> Headroom:
         """The number of further steps like that from ``before`` (n, d) which the mesh at ``points`` (n, d) admits.
 
         ``worst`` (w,) are the worst cells there, as a judgement names them. The smooth correction keeps all cells valid
-        until the boundary meets itself.
+        until the boundary meets itself. ``step``: it is the run's last step, so the fall of the qualities in it counts.
         """
         metric, threshold = self.method.quality_metric, self.method.quality_threshold
+        resisting = step and self.smooth is not None and threshold < self.smooth.law.limit
         found = headroom(
-            points, before, self.cells, self.reference_sizes, metric, threshold, worst, self.cells_at_moving
+            points, before, self.cells, self.reference_sizes, metric, threshold, worst, self.cells_at_moving, resisting
         )
         contact = self.contact if self.method.correction == "smooth" and 0.0 < found.inversion < _SOON else None
         if contact is None:

@@ -16,6 +16,7 @@ HORIZON = 100.0
 """Number of steps beyond which nothing is predicted."""
 _FIRST = 64  # number of cells that invert first; they and the worst cells decide when the threshold is reached
 _PLACES, _ROUNDS = 17, 2  # on the way to the inversion, then on the part with the threshold, which is nearly straight
+_NEAR, _MORE = 6.0, 1.5  # from so many steps on, resisting cells keep the threshold for longer: at most by this factor
 
 
 @dataclass(frozen=True)
@@ -47,6 +48,7 @@ def headroom(
     threshold: float,
     worst: Integers,
     near: Integers,
+    resisting: bool = False,
 ) -> Headroom:
     """The headroom of a mesh whose last step went from ``before`` (n, d) to ``points`` (n, d); mesh length unit.
 
@@ -64,15 +66,18 @@ def headroom(
         The worst cells at ``points``: a cell that hardly changes any more may be the next below the threshold.
     near : (k,) int64 array
         Ascending; in a large mesh these cells are always looked at, and the others if neighbours invert early.
+    resisting : bool
+        Whether a correction slows the loss of cells near the threshold. In the run's last steps the quality of each
+        cell then falls more evenly than on straight ways: its fall in this step counts.
     """
     worst = np.sort(worst)
     near = np.insert(near, np.searchsorted(near, worst), worst)
     steps, first = kernels.first_inversions(points, before, cells.nodes, near, HORIZON, _FIRST)
-    lowest = _on_the_way(points, before, cells, rest, np.union1d(first, worst), metric)
+    qualities = _on_the_way(points, before, cells, rest, np.union1d(first, worst), metric)
     low, high = 0.0, min(float(steps[0]), HORIZON)
     for _ in range(_ROUNDS):
         places = np.linspace(low, high, _PLACES)
-        values = lowest(places)
+        values = qualities(places).min(axis=1)
         below = np.flatnonzero(~(values >= threshold))
         if not len(below) or below[0] == 0:  # a threshold below 0, or beyond the horizon; or below it now
             low = 0.0 if len(below) else np.inf
@@ -81,13 +86,18 @@ def headroom(
     else:
         above, under = values[below[0] - 1 : below[0] + 1]
         low += (high - low) * (above - threshold) / (above - under)
+        if resisting and low < _NEAR:
+            start, *_, now = qualities(np.linspace(-1.0, 0.0, _PLACES))
+            falling = now < start
+            even = (now - threshold)[falling] / (start - now)[falling]
+            low = max(low, min(_MORE * low, even.min(initial=np.inf)))
     return Headroom(float(steps[0]), float(low), int(first[0]))
 
 
 def _on_the_way(
     points: Floats, before: Floats, cells: CellTable, rest: AtRest, numbers: Integers, metric: str
 ) -> Callable[[Floats], Floats]:
-    """The lowest value of a metric among the cells with these ascending numbers, for _PLACES multiples of the step.
+    """The values (_PLACES, c) of a metric of the cells with these ascending numbers, for multiples of the step.
 
     The cells are judged at all places together, as a mesh with a copy of them for each place.
     """
@@ -105,10 +115,10 @@ def _on_the_way(
         at_rest = at_rest.of_nodes(np.tile(nodes, _PLACES))
     begin, way = points[nodes], points[nodes] - before[nodes]
 
-    def lowest(places: Floats) -> Floats:
+    def qualities(places: Floats) -> Floats:
         there = (begin + places[:, None, None] * way).reshape(-1, begin.shape[1])
         values = cell_quality(there, table, at_rest).metric(metric)
         by_place = [values[span].reshape(_PLACES, -1) for _, span in table.numbered]
-        return np.asarray(np.concatenate(by_place, axis=1).min(axis=1))
+        return np.concatenate(by_place, axis=1)
 
-    return lowest
+    return qualities
