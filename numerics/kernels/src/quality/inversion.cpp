@@ -17,8 +17,8 @@ namespace {
 constexpr Index sampled = 1 << 12;  // number of groups of cells, each with a sample
 constexpr Index least_group = 8;    // cells in a group; in smaller meshes all cells are looked at
 constexpr double least_reach = 1.25, unlike = 2.0;  // groups are looked at up to such a multiple of the limit
+constexpr double margin = 1.2;      // by which a group may be earlier, compared with its samples, than those seen
 constexpr Index together = 32;      // cells of which positions and motion fit into the fastest cache
-constexpr double nearly = 0.1;      // of its size now: a sample so small counts, for a neighbour may invert
 constexpr double never = std::numeric_limits<double>::infinity();
 
 /// det(E + s V) of one corner of cell s.
@@ -33,41 +33,77 @@ template <int d>
     return determinant_along<d>(edges, on);
 }
 
-/// Steps (m,) until a corner determinant of the cells with these nodes (m, k) is `left` times its present value, up to the
-/// horizon.
-template <class Type>
-void until_inverted(Matrix<const double> points, Matrix<const double> start, Matrix<const Node> nodes, double left,
-                    double horizon, double* steps) {
-    constexpr int d = Type::dimension;
+/// Calls f(now, before, count, first) for the edges of each corner of the cells with these nodes (m, k), part by part.
+template <class Type, class F>
+void for_corners(Matrix<const double> points, Matrix<const double> start, Matrix<const Node> nodes, F&& f) {
     for (Index first = 0; first < nodes.shape(0); first += together) {
         const Index count = std::min(together, nodes.shape(0) - first);
         const Rows rows(points, nodes, first, count);
         const auto positions = from_points<Type>(points, count, rows.cells<Type>(), rows.inside);
         const auto starts = from_points<Type>(start, count, rows.cells<Type>(), rows.inside);
-        Jacobians<d> now, before;
-        double* found = steps + first;
-        const auto always = [](double) { return true; };
-        std::fill_n(found, count, never);
+        Jacobians<Type::dimension> now, before;
         for (int k = 0; k < static_cast<int>(Type::corners.size()); ++k) {
             positions(k, now);
             starts(k, before);
-            Index may[together], any = 0;
-            const auto above_left = [&](Index s) {
-                Cubic p = determinant_of<d>(now, before, s);
-                p[0] -= left * p[0];
-                return p;
-            };
-            for (Index s = 0; s < count; ++s) any += may[s] = may_fall(above_left(s), horizon);
-            for (Index s = 0; any && s < count; ++s) {
-                if (!may[s]) continue;
-                const Cubic p = above_left(s);
-                found[s] = p[0] > 0.0 ? std::min(found[s], first_root(p, std::min(horizon, found[s]), always)) : 0.0;
-            }
+            f(now, before, count, first);
         }
     }
 }
 
-using UntilInverted = void (*)(Matrix<const double>, Matrix<const double>, Matrix<const Node>, double, double, double*);
+/// Steps (m,) until a corner determinant of the cells is 0, up to the horizon.
+template <class Type>
+void until_inverted(Matrix<const double> points, Matrix<const double> start, Matrix<const Node> nodes, double horizon,
+                    double* steps) {
+    std::fill_n(steps, nodes.shape(0), never);
+    for_corners<Type>(points, start, nodes, [&](const auto& now, const auto& before, Index count, Index first) {
+        constexpr int d = Type::dimension;
+        double* found = steps + first;
+        const auto always = [](double) { return true; };
+        Index may[together], any = 0;
+        for (Index s = 0; s < count; ++s) any += may[s] = may_fall(determinant_of<d>(now, before, s), horizon);
+        for (Index s = 0; any && s < count; ++s) {
+            if (!may[s]) continue;
+            const Cubic p = determinant_of<d>(now, before, s);
+            found[s] = p[0] > 0.0 ? std::min(found[s], first_root(p, std::min(horizon, found[s]), always)) : 0.0;
+        }
+    });
+}
+
+/// Steps (m,) before which no corner of the cells inverts; rotations do not count.
+///
+/// With J = V E⁻¹ and its symmetric part S, (1 + s J) x = 0 gives s x·S x = −x·x. So 1/s is at most minus the least
+/// eigenvalue of S, which is at least tr S / d − √(1 − 1/d) |S − tr S / d|.
+template <class Type>
+void safe_steps(Matrix<const double> points, Matrix<const double> start, Matrix<const Node> nodes, double* steps) {
+    std::fill_n(steps, nodes.shape(0), never);
+    for_corners<Type>(points, start, nodes, [&](const auto& now, const auto& before, Index count, Index first) {
+        constexpr int d = Type::dimension;
+        for (Index s = 0; s < count; ++s) {
+            const auto edge = [&](int i, int k) { return now.entry[i % d][k % d][s]; };
+            const auto cofactor = [&](int i, int k) {
+                if constexpr (d == 1) return 1.0;
+                else if constexpr (d == 2) return i == k ? edge(i + 1, k + 1) : -edge(i + 1, k + 1);
+                else return edge(i + 1, k + 1) * edge(i + 2, k + 2) - edge(i + 1, k + 2) * edge(i + 2, k + 1);
+            };
+            double det = 0.0, j[d][d] = {}, trace = 0.0, square = 0.0;
+            for (int k = 0; k < d; ++k) det += edge(0, k) * cofactor(0, k);
+            const double unit = 1.0 / (det > 0.0 ? det : 1.0);  // avoids a division by zero, which ends OpenFOAM
+            for (int a = 0; a < d; ++a)
+                for (int b = 0; b < d; ++b)
+                    for (int k = 0; k < d; ++k)
+                        j[a][b] += (now.entry[a][k][s] - before.entry[a][k][s]) * cofactor(b, k) * unit;
+            for (int a = 0; a < d; ++a) trace += j[a][a] / d;
+            for (int a = 0; a < d; ++a)
+                for (int b = 0; b < d; ++b) {
+                    const double part = 0.5 * (j[a][b] + j[b][a]) - (a == b ? trace : 0.0);
+                    square += part * part;
+                }
+            const double fastest = std::sqrt((1.0 - 1.0 / d) * square) - trace;
+            double& least = steps[first + s];
+            least = det > 0.0 ? std::min(least, fastest > 0.0 ? 1.0 / fastest : never) : 0.0;
+        }
+    });
+}
 
 /// Steps to inversion of the cells of several blocks with consecutive numbers.
 class Inversions {
@@ -75,9 +111,9 @@ class Inversions {
     Inversions(Matrix<const double> points, Matrix<const double> before, const std::vector<Matrix<const Node>>& blocks)
         : points_(points), before_(before) {
         for (const auto& nodes : blocks) {
-            const auto until = with_cell_type(points.shape(1), nodes.shape(1),
-                                              []<class Type>(Type) -> UntilInverted { return until_inverted<Type>; });
-            blocks_.push_back({nodes, size_, until});
+            with_cell_type(points.shape(1), nodes.shape(1), [&]<class Type>(Type) {
+                blocks_.push_back({nodes, size_, until_inverted<Type>, safe_steps<Type>});
+            });
             size_ += nodes.shape(0);
         }
     }
@@ -92,7 +128,7 @@ class Inversions {
             for_chunks(from, to, [&](Index begin, Index count) {
                 double steps[chunk];
                 const Index row = begin - block.first;
-                block.until(points_, before_, block.nodes.rows(row, row + count), 0.0, limit, steps);
+                block.until(points_, before_, block.nodes.rows(row, row + count), limit, steps);
                 lowest.add(steps, begin, count, limit);
                 least = std::min(least, *std::min_element(steps, steps + count));
             });
@@ -100,8 +136,30 @@ class Inversions {
         return least;
     }
 
-    /// Steps of cells with ascending numbers until `left` of a determinant is left, up to the limit.
-    std::vector<double> of(const std::vector<Index>& numbers, double left, double limit) const {
+    /// Steps of cells with ascending numbers, up to the limit.
+    std::vector<double> of(const std::vector<Index>& numbers, double limit) const {
+        return of_each(numbers, [&](const Block& block, Matrix<const Node> rows, double* steps) {
+            block.until(points_, before_, rows, limit, steps);
+        });
+    }
+
+    /// Steps of cells with ascending numbers before which they do not invert.
+    std::vector<double> safe(const std::vector<Index>& numbers) const {
+        return of_each(numbers, [&](const Block& block, Matrix<const Node> rows, double* steps) {
+            block.safe(points_, before_, rows, steps);
+        });
+    }
+
+  private:
+    struct Block {
+        Matrix<const Node> nodes;
+        Index first;
+        void (*until)(Matrix<const double>, Matrix<const double>, Matrix<const Node>, double, double*);
+        void (*safe)(Matrix<const double>, Matrix<const double>, Matrix<const Node>, double*);
+    };
+
+    template <class F>
+    std::vector<double> of_each(const std::vector<Index>& numbers, F&& f) const {
         std::vector<double> steps(numbers.size());
         for_ranges(static_cast<Index>(numbers.size()), 8 * chunk, [&](Index begin, Index end) {
             std::vector<Node> nodes;
@@ -112,19 +170,12 @@ class Inversions {
                     const auto row = block.nodes[numbers[begin] - block.first];
                     nodes.insert(nodes.end(), row.begin(), row.end());
                 }
-                const Matrix<const Node> rows(nodes.data(), {begin - from, block.nodes.shape(1)});
-                block.until(points_, before_, rows, left, limit, steps.data() + from);
+                f(block, Matrix<const Node>(nodes.data(), {begin - from, block.nodes.shape(1)}), steps.data() + from);
             }
         });
         return steps;
     }
 
-  private:
-    struct Block {
-        Matrix<const Node> nodes;
-        Index first;
-        UntilInverted until;
-    };
     Matrix<const double> points_, before_;
     std::vector<Block> blocks_;
     Index size_ = 0;
@@ -158,16 +209,16 @@ Lowest first_of(const Inversions& cells, Vector<const Index> near, double horizo
     for (Index c = 0; c < m; c += width) starts.push_back(c);
     std::set_union(starts.begin(), starts.end(), near.begin(), near.end(), std::back_inserter(samples));
     for (std::size_t k = 0; k < samples.size(); k += 8) some.push_back(samples[k]);
-    lower_limit(cells.of(some, 0.0, horizon));
-    const std::vector<double> steps = cells.of(samples, nearly, unlike * limit);
-    std::vector<double> least(groups, never), found(groups, never);  // of the samples of a group; of all its cells
+    lower_limit(cells.of(some, horizon));
+    const std::vector<double> steps = cells.safe(samples);
+    std::vector<double> least(groups, never), found(groups, never);  // safe steps of the samples; steps of all cells
     for (std::size_t k = 0; k < samples.size(); ++k) {
         const Index g = samples[k] / width;
         least[g] = std::min(least[g], steps[k]);
         if (g > 0 && samples[k] == g * width) least[g - 1] = std::min(least[g - 1], steps[k]);
     }
 
-    // a step is rough if most cells at the first samples do not invert at nearly the same s
+    // a step is rough if most cells at the first samples have other safe steps
     std::vector<Index> order(groups);
     std::iota(order.begin(), order.end(), Index{0});
     const auto by_least = [&](Index a, Index b) { return std::pair(least[a], a) < std::pair(least[b], b); };
@@ -178,9 +229,9 @@ Lowest first_of(const Inversions& cells, Vector<const Index> near, double horizo
     for (Index k = 0; k < probes && width >= least_group && least[order[k]] < never; ++k, ++early) {
         std::vector<Index> own(std::min(width, m - order[k] * width));
         std::iota(own.begin(), own.end(), order[k] * width);
-        std::vector<double> its = cells.of(own, nearly, unlike * least[order[k]]);
-        rough += select(its, static_cast<Index>(its.size()) / 2) == never;
-        its = cells.of(own, 0.0, limit);
+        std::vector<double> its = cells.safe(own);
+        rough += select(its, static_cast<Index>(its.size()) / 2) > unlike * least[order[k]];
+        its = cells.of(own, limit);
         roots.insert(roots.end(), its.begin(), its.end());
     }
     lower_limit(roots);
@@ -198,7 +249,7 @@ Lowest first_of(const Inversions& cells, Vector<const Index> near, double horizo
         lower_limit(first.in_order().first);
         for (Index g = 0; g < groups; ++g)
             if (found[g] <= limit && found[g] < least[g])
-                reach = std::max(reach, least[g] < unlike * found[g] ? std::pow(least[g] / found[g], 2) : unlike);
+                reach = std::max(reach, least[g] < unlike * found[g] ? margin * least[g] / found[g] : unlike);
     }
     std::vector<Index> all((m + judged_at_once - 1) / judged_at_once);
     std::iota(all.begin(), all.end(), Index{0});

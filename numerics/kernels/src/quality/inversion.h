@@ -16,11 +16,12 @@ namespace mesh_motion {
 /// sought only where one is possible: a polynomial whose Bernstein coefficients on (0, limit) are all positive has no
 /// root there.
 ///
-/// A step that is linear in a group of adjacent cells inverts them all at the same s, whatever their shapes. So in a
-/// large mesh the first cell of each group is a sample for this group and the one before it, and so are the cells `near`
-/// (ascending), where the step may be different in each cell. All cells of a group are looked at if one of its samples
-/// may be among the first, up to a factor. This factor is the square of the largest ratio at which a group was found to
-/// invert earlier than its samples. If it is 2, or if the step is rough, all cells of the mesh are looked at.
+/// Whether one of the first cells is in a group of adjacent cells is estimated from samples: the first cell of the group
+/// and of the next one, and the cells `near` (ascending), where the step may be different in each cell. No cell inverts
+/// before 1 / (its fastest shortening in a step), which is alike in adjacent cells whatever their shapes, and does not see
+/// rotations. All cells of a group are looked at if this number of steps is among the first for one of its samples, up to
+/// a factor: that by which a group was found to be earlier, and a fifth more. If it is 2, or if the step is rough, all
+/// cells of the mesh are looked at.
 std::pair<Owned<double, 1>, Owned<Index, 1>> first_inversions(Matrix<const double> points, Matrix<const double> before,
                                                               const std::vector<Matrix<const Node>>& blocks,
                                                               Vector<const Index> near, double horizon, Index count);
