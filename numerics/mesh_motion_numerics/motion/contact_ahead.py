@@ -14,11 +14,12 @@ import mesh_motion_kernels as kernels
 import numpy as np
 from numpy.typing import NDArray
 
-from mesh_motion_numerics.arrays import Floats, Marks
+from mesh_motion_numerics.arrays import Floats, Integers, Marks
 from mesh_motion_numerics.mesh.boundary_crossing import BoundaryFacets
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.mesh.morton import morton_codes
 
+_BLOCK = 16  # facets
 _SPLITS = {"line": ((0, 1),), "triangle": ((0, 2, 1),), "quad": ((0, 2, 1), (0, 3, 2))}
 
 
@@ -29,8 +30,10 @@ class ContactAhead:
     Attributes
     ----------
     facets : (f, d) int32 array
-        Segments or triangles, neighbours next to each other; followed by a node on their inner side, where the cells
-        are, they are a simplex of positive volume.
+        Segments or triangles; followed by a node on their inner side, where the cells are, they are a simplex of
+        positive volume.
+    starts : (b,) int64 array
+        The first facets of blocks of neighbours that face the same side of the axes.
     moving : (f,) bool array
         Whether a node of the facet moves.
     stiff : CellTable or None
@@ -38,6 +41,7 @@ class ContactAhead:
     """
 
     facets: NDArray[np.int32]
+    starts: Integers
     moving: Marks
     stiff: CellTable | None
 
@@ -46,8 +50,15 @@ class ContactAhead:
         """Build it for reference coordinates (n, d)."""
         parts = [nodes[:, list(one)] for name, nodes in boundary.nodes.items() for one in _SPLITS[name]]
         facets = np.concatenate(parts).astype(np.int32)
-        facets = facets[np.argsort(morton_codes(points[facets].mean(axis=1)), kind="stable")]
-        return cls(facets, np.asarray(boundary.moving[facets].any(axis=1)), stiff)
+        edges = points[facets[:, 1:]] - points[facets[:, :1]]
+        normals = np.cross(edges[:, 0], edges[:, 1]) if len(facets[0]) == 3 else edges[:, 0, ::-1] * [-1.0, 1.0]
+        axes, moving = np.abs(normals).argmax(axis=1), boundary.moving[facets].any(axis=1)
+        back = np.take_along_axis(normals, axes[:, None], axis=1)[:, 0] < 0.0
+        kinds = 6 * moving + 2 * axes + back
+        order = np.lexsort((morton_codes(points[facets].mean(axis=1)), kinds))
+        _, firsts, counts = np.unique(kinds[order], return_index=True, return_counts=True)
+        starts = np.concatenate([np.arange(a, a + n, _BLOCK) for a, n in zip(firsts, counts, strict=True)])
+        return cls(facets[order], starts, moving[order], stiff)
 
     def steps(self, points: Floats, before: Floats, most: float) -> float:
         """Steps like that from ``before`` to ``points`` (n, d) until no mesh is valid; ``inf`` above ``most``."""
@@ -55,4 +66,5 @@ class ContactAhead:
         if self.stiff is not None:
             every = np.arange(len(self.stiff))
             stiff = float(kernels.first_inversions(points, before, self.stiff.nodes, every, most, 1)[0][0])
-        return min(stiff, float(kernels.first_contact(points, before, self.facets, self.moving, min(most, stiff))))
+        boundary = self.facets, self.starts, self.moving
+        return min(stiff, float(kernels.first_contact(points, before, *boundary, min(most, stiff))))

@@ -10,12 +10,12 @@
 namespace mesh_motion {
 namespace {
 
-constexpr Index facets_in_block = 16, blocks_in_group = 32;
+constexpr Index blocks_in_group = 32;
 constexpr Index together = 64;  // pairs of blocks that are looked at before the limit is lowered
 constexpr double rounding = 1e-12;
 constexpr double beyond = 1e-6;  // share of a facet or an edge by which a contact may be outside of it
 constexpr double never = std::numeric_limits<double>::infinity();
-constexpr double facing = 0.3;  // largest cosine between the normals of facets that may meet: they may turn on the way
+constexpr double facing = 1e-9;  // largest product of normals that may face each other
 
 template <int D>
 using Vec = std::array<double, D>;
@@ -70,12 +70,8 @@ double meeting(const Range<D>& one, const Range<D>& other) {
 template <int D>
 struct Block {
     Range<D> places;
-    Range<D> normals;  // of both ends the first
+    Range<D> normals;  // all that its facets have on the way; of both ends the first
     bool moving = false;
-    std::vector<Node> nodes;  // of a block, not of a group
-    std::vector<Range<D>> at_nodes;
-    std::vector<std::array<Node, 2>> edges;
-    std::vector<Range<D>> at_edges;
 
     void add(const Block& other) {
         places.add(other.places);
@@ -84,9 +80,18 @@ struct Block {
     }
 };
 
+/// The nodes and edges of a block, each once, and their places.
+template <int D>
+struct Parts {
+    std::vector<Node> nodes;
+    std::vector<Range<D>> at_nodes;
+    std::vector<std::array<Node, 2>> edges;
+    std::vector<Range<D>> at_edges;
+};
+
 /// The least scalar product of normals in two ranges, or less.
 template <int D>
-double least_cosine(const Range<D>& one, const Range<D>& other) {
+double least_product(const Range<D>& one, const Range<D>& other) {
     double sum = 0.0;
     for (int axis = 0; axis < D; ++axis) {
         const double a = one.low[0][axis], b = one.high[0][axis], c = other.low[0][axis], d = other.high[0][axis];
@@ -98,36 +103,8 @@ double least_cosine(const Range<D>& one, const Range<D>& other) {
 /// The part of the way before which facets of two blocks do not meet; ∞ if they do not.
 template <int D>
 double meeting(const Block<D>& one, const Block<D>& other) {
-    const bool may = (one.moving || other.moving) && least_cosine<D>(one.normals, other.normals) <= facing;
+    const bool may = (one.moving || other.moving) && least_product<D>(one.normals, other.normals) <= facing;
     return may ? meeting<D>(one.places, other.places) : never;
-}
-
-template <int D>
-Vec<D> place(Matrix<const double> points, Node node) {
-    Vec<D> x;
-    for (int axis = 0; axis < D; ++axis) x[axis] = points(node, axis);
-    return x;
-}
-
-/// Unit vector to the inner side.
-template <int D>
-Vec<D> normal_of(Matrix<const double> points, Vector<const Node> facet) {
-    const Vec<D> a = place<D>(points, facet[0]), b = place<D>(points, facet[1]);
-    Vec<D> normal;
-    if constexpr (D == 2) {
-        normal = {a[1] - b[1], b[0] - a[0]};
-    } else {
-        const Vec<D> c = place<D>(points, facet[2]);
-        for (int axis = 0; axis < 3; ++axis) {
-            const int next = (axis + 1) % 3, last = (axis + 2) % 3;
-            normal[axis] = (b[next] - a[next]) * (c[last] - a[last]) - (b[last] - a[last]) * (c[next] - a[next]);
-        }
-    }
-    double square = 0.0;
-    for (double part : normal) square += part * part;
-    const double length = std::sqrt(square);
-    for (double& part : normal) part = length > 0.0 ? part / length : 0.0;
-    return normal;
 }
 
 /// Nodes that go on from points by (points − before) in each step.
@@ -165,6 +142,29 @@ struct Way {
 
 Vector3 difference(const Vector3& a, const Vector3& b) { return {a[0] - b[0], a[1] - b[1], a[2] - b[2]}; }
 double product(const Vector3& a, const Vector3& b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
+Vector3 cross(const Vector3& a, const Vector3& b) {
+    return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
+}
+
+/// Vectors to the inner side of a facet, as long as one now: all that it has in a number of steps are among their means.
+/// They are the Bernstein coefficients of a polynomial.
+template <int D>
+std::array<Vector3, D> normals(const Way<D>& way, const std::array<Node, D>& facet, double steps) {
+    const auto edge = [&](int k, double s) { return difference(way.at(facet[k], s), way.at(facet[0], s)); };
+    const Vector3 a = edge(1, 0.0), b = edge(1, steps);
+    std::array<Vector3, D> found;
+    if constexpr (D == 2) {
+        found = {{{-a[1], a[0], 0.0}, {-b[1], b[0], 0.0}}};
+    } else {
+        const Vector3 c = edge(2, 0.0), e = edge(2, steps), one = cross(a, e), other = cross(b, c);
+        found = {{cross(a, c), {}, cross(b, e)}};
+        for (int axis = 0; axis < 3; ++axis) found[1][axis] = 0.5 * (one[axis] + other[axis]);
+    }
+    const double length = std::sqrt(product(found[0], found[0]));
+    for (Vector3& normal : found)
+        for (double& part : normal) part = length > 0.0 ? part / length : 0.0;
+    return found;
+}
 
 /// The shares s of u and t of v so that s u + t v is nearest to a place; NaN if u and v are parallel.
 std::array<double, 2> shares(const Vector3& u, const Vector3& v, const Vector3& place) {
@@ -225,32 +225,24 @@ double until(const Way<3>& way, const std::array<Node, 2>& one, const std::array
 template <int D>
 class Boundary {
   public:
-    Boundary(const Way<D>& way, Matrix<const Node> facets, Vector<const bool> moving, double most)
+    Boundary(const Way<D>& way, Matrix<const Node> facets, Vector<const Index> starts, Vector<const bool> moving,
+             double most)
         : way_(way), most_(most), facets_(facets.shape(0)), places_(facets.shape(0)),
-          blocks_((facets.shape(0) + facets_in_block - 1) / facets_in_block) {
+          starts_(starts.begin(), starts.end()), blocks_(starts_.size()), parts_(starts_.size()) {
         for_blocks(static_cast<Index>(blocks_.size()), [&](Index b) {
             Block<D>& block = blocks_[b];
-            for (Index f = b * facets_in_block; f < end(b); ++f) {
+            for (Index f = starts_[b]; f < end(b); ++f) {
                 std::copy(facets[f].begin(), facets[f].end(), facets_[f].begin());
                 places_[f] = way.range(facets_[f], most);
                 block.places.add(places_[f]);
-                const Vec<D> normal = normal_of<D>(way.points, facets[f]);
-                for (int axis = 0; axis < D; ++axis) block.normals.add(0, axis, normal[axis], normal[axis]);
+                for (const Vector3& normal : normals<D>(way, facets_[f], most))
+                    for (int axis = 0; axis < D; ++axis) block.normals.add(0, axis, normal[axis], normal[axis]);
                 block.moving |= moving[f];
-                for (int k = 0; k < D; ++k) {
-                    block.nodes.push_back(facets_[f][k]);
-                    const auto [a, b] = std::minmax(facets_[f][k], facets_[f][(k + 1) % D]);
-                    if (D == 3) block.edges.push_back({a, b});
-                }
             }
-            unique(block.nodes);
-            unique(block.edges);
-            for (const Node node : block.nodes) block.at_nodes.push_back(way.range(node, most));
-            for (const auto& edge : block.edges) block.at_edges.push_back(way.range(edge, most));
         });
     }
 
-    double first_contact() const {
+    double first_contact() {
         struct Pair {
             double enter;
             Index one, other;
@@ -278,7 +270,14 @@ class Boundary {
         for (std::size_t first = 0; first < pairs.size() && pairs[first].enter * most_ < best; first += together) {
             std::array<double, together> found;
             found.fill(best);
-            for_blocks(std::min<Index>(together, static_cast<Index>(pairs.size() - first)), [&](Index k) {
+            const Index number = std::min<Index>(together, static_cast<Index>(pairs.size() - first));
+            std::vector<Index> entered;  // most blocks never enter another one: only these are taken apart
+            for (Index k = 0; k < number; ++k)
+                for (const Index b : {pairs[first + k].one, pairs[first + k].other})
+                    if (parts_[b].nodes.empty()) entered.push_back(b);
+            unique(entered);
+            for_blocks(static_cast<Index>(entered.size()), [&](Index k) { parts_[entered[k]] = parts(entered[k]); });
+            for_blocks(number, [&](Index k) {
                 const Pair& pair = pairs[first + k];
                 double least = found[k];
                 nodes_at_facets(pair.one, pair.other, least);
@@ -292,7 +291,24 @@ class Boundary {
     }
 
   private:
-    Index end(Index b) const { return std::min<Index>(static_cast<Index>(facets_.size()), (b + 1) * facets_in_block); }
+    Index end(Index b) const {
+        return b + 1 < static_cast<Index>(starts_.size()) ? starts_[b + 1] : static_cast<Index>(facets_.size());
+    }
+
+    Parts<D> parts(Index b) const {
+        Parts<D> own;
+        for (Index f = starts_[b]; f < end(b); ++f)
+            for (int k = 0; k < D; ++k) {
+                own.nodes.push_back(facets_[f][k]);
+                const auto [a, c] = std::minmax(facets_[f][k], facets_[f][(k + 1) % D]);
+                if (D == 3) own.edges.push_back({a, c});
+            }
+        unique(own.nodes);
+        unique(own.edges);
+        for (const Node node : own.nodes) own.at_nodes.push_back(way_.range(node, most_));
+        for (const auto& edge : own.edges) own.at_edges.push_back(way_.range(edge, most_));
+        return own;
+    }
 
     template <class T>
     static void unique(std::vector<T>& values) {
@@ -309,23 +325,23 @@ class Boundary {
     }
 
     void nodes_at_facets(Index nodes, Index facets, double& least) const {
-        for (std::size_t i = 0; i < blocks_[nodes].nodes.size(); ++i) {
-            const Range<D>& at = blocks_[nodes].at_nodes[i];
+        for (std::size_t i = 0; i < parts_[nodes].nodes.size(); ++i) {
+            const Range<D>& at = parts_[nodes].at_nodes[i];
             if (!may(at, blocks_[facets].places, least)) continue;
-            for (Index f = facets * facets_in_block; f < end(facets); ++f)
-                if (std::find(facets_[f].begin(), facets_[f].end(), blocks_[nodes].nodes[i]) == facets_[f].end() &&
+            for (Index f = starts_[facets]; f < end(facets); ++f)
+                if (std::find(facets_[f].begin(), facets_[f].end(), parts_[nodes].nodes[i]) == facets_[f].end() &&
                     may(at, places_[f], least))
-                    least = std::min(least, until<D>(way_, facets_[f], blocks_[nodes].nodes[i], std::min(least, most_)));
+                    least = std::min(least, until<D>(way_, facets_[f], parts_[nodes].nodes[i], std::min(least, most_)));
         }
     }
 
     void edges_at_edges(Index first, Index second, double& least) const {
-        const Block<D>&one = blocks_[first], &other = blocks_[second];
+        const Parts<D>&one = parts_[first], &other = parts_[second];
         std::vector<std::size_t> near;
         for (std::size_t j = 0; j < other.edges.size(); ++j)
-            if (may(other.at_edges[j], one.places, least)) near.push_back(j);
+            if (may(other.at_edges[j], blocks_[first].places, least)) near.push_back(j);
         for (std::size_t i = 0; i < one.edges.size() && !near.empty(); ++i) {
-            if (!may(one.at_edges[i], other.places, least)) continue;
+            if (!may(one.at_edges[i], blocks_[second].places, least)) continue;
             for (const std::size_t j : near)
                 if ((first != second || j > i) && !share(one.edges[i], other.edges[j]) && may(one.at_edges[i], other.at_edges[j], least))
                     least = std::min(least, until(way_, one.edges[i], other.edges[j], std::min(least, most_)));
@@ -336,19 +352,23 @@ class Boundary {
     double most_;
     std::vector<std::array<Node, D>> facets_;
     std::vector<Range<D>> places_;
+    std::vector<Index> starts_;  // of the blocks
     std::vector<Block<D>> blocks_;
+    std::vector<Parts<D>> parts_;
 };
 
 }  // namespace
 
 double first_contact(Matrix<const double> points, Matrix<const double> before, Matrix<const Node> facets,
-                     Vector<const bool> moving, double most) {
+                     Vector<const Index> starts, Vector<const bool> moving, double most) {
     require(before.shape() == points.shape(), "before: expected the shape of points");
     require(facets.shape(1) == points.shape(1) && moving.size() == facets.shape(0), "facets, moving: expected (f, d), (f,)");
     require(points.shape(1) == 2 || points.shape(1) == 3, "points: expected two or three coordinates");
     require_below(facets, points.shape(0), "facets: expected numbers of points");
-    if (points.shape(1) == 2) return Boundary<2>({points, before}, facets, moving, most).first_contact();
-    return Boundary<3>({points, before}, facets, moving, most).first_contact();
+    require_below(starts, facets.shape(0), "starts: expected numbers of facets");
+    require(std::is_sorted(starts.begin(), starts.end()), "starts: expected ascending numbers");
+    if (points.shape(1) == 2) return Boundary<2>({points, before}, facets, starts, moving, most).first_contact();
+    return Boundary<3>({points, before}, facets, starts, moving, most).first_contact();
 }
 
 }  // namespace mesh_motion

@@ -9,12 +9,12 @@ namespace mesh_motion {
 /// times the step from `before` (n, d), in two or three dimensions; ∞ without such an s.
 ///
 /// The volume of the simplex of both is a polynomial, so its roots are exact; one counts if the node is inside the facet.
-/// Left out are pairs that are in a plane at the beginning, pairs far from any moving facet, and facets of blocks whose
-/// normals all have a cosine above 0.3. Blocks of facets are taken in the order in which their boxes meet, up to the first
-/// contact.
+/// Left out are pairs that are in a plane at the beginning, pairs far from any moving facet, and facets of blocks that never
+/// face each other on the way. Blocks of facets are taken in the order in which their boxes meet, up to the first contact.
 ///
-/// `facets` (f, d): segments or triangles, neighbours next to each other. `moving` (f,): whether a node of the facet moves.
+/// `facets` (f, d): segments or triangles; `starts` (b,), ascending from 0: the first facet of each block, of neighbours
+/// with similar normals. `moving` (f,): whether a node of the facet moves.
 double first_contact(Matrix<const double> points, Matrix<const double> before, Matrix<const Node> facets,
-                     Vector<const bool> moving, double most);
+                     Vector<const Index> starts, Vector<const bool> moving, double most);
 
 }  // namespace mesh_motion
