@@ -70,7 +70,7 @@ double meeting(const Range<D>& one, const Range<D>& other) {
 template <int D>
 struct Block {
     Range<D> places;
-    Range<D> normals;  // all that its facets have on the way; of both ends the first
+    Range<D> normals;  // of its facets on the way; only the first end is used
     bool moving = false;
 
     void add(const Block& other) {
@@ -146,8 +146,8 @@ Vector3 cross(const Vector3& a, const Vector3& b) {
     return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
 }
 
-/// Vectors to the inner side of a facet, as long as one now: all that it has in a number of steps are among their means.
-/// They are the Bernstein coefficients of a polynomial.
+/// Normals of a facet to the inner side, divided by the length that the normal has now. Each normal on the way is a mean of
+/// them, as they are the Bernstein coefficients of a polynomial.
 template <int D>
 std::array<Vector3, D> normals(const Way<D>& way, const std::array<Node, D>& facet, double steps) {
     const auto edge = [&](int k, double s) { return difference(way.at(facet[k], s), way.at(facet[0], s)); };
