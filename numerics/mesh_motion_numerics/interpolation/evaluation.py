@@ -49,11 +49,6 @@ class NearOperator:
         rows, near = rows_near(level.layout, level.support_radius, points, skipped=skipped)
         return cls(rows, sparse_rows(level.layout, level.basis, level.support_radius, near))
 
-    @property
-    def nbytes(self) -> int:
-        """Bytes of the operator."""
-        return self.rows.nbytes + self.matrix.nbytes
-
     def add(self, weights: Floats, out: Floats) -> None:
         """Add the level with weights (nc, k) to ``out`` (n, k)."""
         kernels.add_product(self.rows, *self.matrix, np.ascontiguousarray(weights), out)
@@ -112,7 +107,7 @@ def gradient(field: AnyInterpolant | NestedSpline, points: Floats) -> Floats:
     if isinstance(field, NestedSpline):
         return field.gradients(points)
     require_gradient(field.basis)
-    out = np.empty((len(points), field.components, field.dimension))
+    out = np.empty((len(points), field.components, points.shape[1]))
     layout = field.layout
     centres = layout.coordinates, np.ascontiguousarray(field.weights[layout.order].T)
     kernels.sum_gradients(field.basis.code, padded(points), *centres, 1.0 / field.support_radius, *layout.grid, out)
@@ -123,8 +118,9 @@ def gradient(field: AnyInterpolant | NestedSpline, points: Floats) -> Floats:
 
 def _check_dimension(field: Interpolant | NestedSpline, points: Floats) -> None:
     """Refuse points whose shape is not (n, d)."""
-    if points.ndim != 2 or points.shape[1] != field.dimension:
+    dimension = field.dimension if isinstance(field, NestedSpline) else field.control_points.shape[1]
+    if points.ndim != 2 or points.shape[1] != dimension:
         raise InvalidInput(
-            f"expected points of shape (n, {field.dimension}), got {points.shape}",
+            f"expected points of shape (n, {dimension}), got {points.shape}",
             code="INVALID_ARGUMENT.SHAPE",
         )

@@ -48,10 +48,6 @@ class FarFieldFactorization:
     def control_points(self) -> Floats:
         return self.near.control_points
 
-    @property
-    def nbytes(self) -> int:
-        return self.near.nbytes
-
     def solve(self, values: Floats) -> TwoScaleInterpolant:
         """Return the interpolant of (nc, k) values at the control points."""
         mean, left = self.separated(values)

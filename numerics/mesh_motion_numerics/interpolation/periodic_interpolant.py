@@ -97,10 +97,6 @@ class PeriodicFactorization:
     layout: CentreLayout
     system: LinearSolver
 
-    @property
-    def nbytes(self) -> int:
-        return self.system.nbytes + self.layout.coordinates.nbytes + 2 * self.images.places.nbytes
-
     def solve(self, values: Floats) -> Interpolant:
         """Return the interpolant of (nc, d) values at the control points."""
         values = np.asarray(values, dtype=np.float64)
@@ -229,10 +225,6 @@ class PeriodicLevels:
 
     control_points: Floats
     levels: list[tuple[Integers, PeriodicFactorization]]
-
-    @property
-    def nbytes(self) -> int:
-        return sum(level.nbytes for _, level in self.levels)
 
     def solve(self, values: Floats) -> TwoScaleInterpolant:
         """Return the interpolant of (nc, d) values at the control points."""

@@ -24,11 +24,6 @@ class SparseRows(NamedTuple):
     indices: Shorts
     data: Floats
 
-    @property
-    def nbytes(self) -> int:
-        """Bytes of the matrix."""
-        return self.indptr.nbytes + self.indices.nbytes + self.data.nbytes
-
     def product(self, vectors: Floats) -> Floats:
         """(m, k) product with (n, k) vectors; each row is one thread's sum, in stored order."""
         out = np.zeros((len(self.indptr) - 1, vectors.shape[1]))
@@ -69,11 +64,6 @@ class SparseCholesky(NamedTuple):
         diagonal, below = np.empty((len(starts) - 1, *shape)), np.empty((len(elimination.rows), *shape))
         definite = kernels.block_cholesky(starts, columns, blocks, *elimination, diagonal, below)
         return cls(elimination, diagonal, below) if definite else None
-
-    @property
-    def nbytes(self) -> int:
-        """Bytes of the factor."""
-        return sum(part.nbytes for part in (*self.elimination, self.diagonal, self.below))
 
     def solve(self, right: Floats) -> Floats:
         """Solve A x = right for x, both (n, d); with d = 1 for any number of columns."""

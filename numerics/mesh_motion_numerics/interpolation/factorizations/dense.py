@@ -45,11 +45,6 @@ class PanelCholesky:
             for first, last in self._bounds:
                 self._panels.append(self._eliminate(panel(first, last), first, last))
 
-    @property
-    def nbytes(self) -> int:
-        """Memory of the factor."""
-        return sum(panel.nbytes for panel in self._panels)
-
     def _eliminate(self, block: Floats, first: int, last: int) -> Floats:
         """Turn columns of A into columns of L."""
         width = last - first

@@ -52,11 +52,6 @@ class ConjugateGradients:
         self._precondition = SparseInverse(self._points, basis, support_radius, neighbours)
         self.iterations = 0
 
-    @property
-    def nbytes(self) -> int:
-        """Memory of the preconditioner and the coordinates."""
-        return self._precondition.nbytes + self._points.nbytes
-
     def solve(self, values: Floats) -> Floats:
         """(n, k) solution, rows in the caller's order.
 

@@ -53,11 +53,6 @@ class SparseInverse:
             SparseRows(each.indptr, each.indices, each.data) for each in (factor, factor.T.tocsr())
         )
 
-    @property
-    def nbytes(self) -> int:
-        """Memory of G and Gᵀ."""
-        return self._factor.nbytes + self._transposed.nbytes
-
     def __call__(self, residual: Floats) -> Floats:
         """(n, k) preconditioned residual."""
         return self._transposed.product(self._factor.product(residual))

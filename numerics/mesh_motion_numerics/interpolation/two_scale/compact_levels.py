@@ -221,12 +221,6 @@ class CompactSystem:
         layout = CentreLayout.build(members, BASIS, level.radius)
         return cls(level, members, layout, sparse_rows(layout, BASIS, level.radius, padded(members)))
 
-    @property
-    def nbytes(self) -> int:
-        made: SparseCholesky | None = self.__dict__.get("_factor")
-        own = self.matrix.nbytes + self.points.nbytes + self.layout.coordinates.nbytes
-        return own if made is None else own + made.nbytes
-
     def exactly(self, right: Floats) -> Floats:
         """The weights (m, k) that give the values ``right`` (m, k) at the members to rounding, as a transpose requires.
 
@@ -237,7 +231,7 @@ class CompactSystem:
         """
         if self._factor is not None:
             return self._factor.solve(right)
-        return self.weights(right, largest(right), _EXACT)
+        return self.weights(right, float(np.abs(right).max(initial=0.0)), _EXACT)
 
     @cached_property
     def _factor(self) -> SparseCholesky | None:
@@ -287,7 +281,7 @@ class CompactSystem:
             return np.zeros_like(right)
         for precondition in self._preconditioners():
             found = precondition.conjugate_gradients(self.matrix, right, limit=tolerance * scale, most=_MAX_ITERATIONS)
-            reached = largest(found.residual) / scale
+            reached = float(np.abs(found.residual).max(initial=0.0)) / scale
             if reached <= max(_ACCEPTED, tolerance):
                 return found.solution
         raise QualityRefused(
@@ -300,8 +294,3 @@ class CompactSystem:
         """Yield the reference mesh's preconditioner, and if it fails one for the current boundary."""
         yield self.level.precondition
         yield SparseInverse(padded(self.points), BASIS, self.level.radius, _NEIGHBOURS)
-
-
-def largest(vectors: Floats) -> float:
-    """Largest magnitude in (n, k) vectors, 0 if they are empty."""
-    return max(float(vectors.max(initial=0.0)), -float(vectors.min(initial=0.0)))

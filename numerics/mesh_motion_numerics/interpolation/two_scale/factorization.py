@@ -42,7 +42,6 @@ from mesh_motion_numerics.interpolation.two_scale.compact_levels import (
     CompactLevel,
     CompactSystem,
     compact_levels,
-    largest,
     levels_below,
     levels_of_all,
 )
@@ -277,18 +276,13 @@ class TwoScaleFactorization:
     grid: NestedGrid | None
     systems: list[CompactSystem]
 
-    @property
-    def nbytes(self) -> int:
-        """Bytes of the factorization."""
-        return self.coarse.nbytes + self.control_points.nbytes + sum(system.nbytes for system in self.systems)
-
     def solve(self, values: Floats) -> TwoScaleInterpolant:
         """Return the interpolant of (n, k) values at the control points; the mean of values at the same place."""
         values = self.averaged(np.ascontiguousarray(values, dtype=np.float64))
         distinct, points = self.plan.distinct, self.control_points
         field = self.coarse.solve(values[self.plan.coarse])
         coarse = field if self.grid is None else self.grid.spline(on_grid(field, self.grid))
-        scale = largest(values)
+        scale = float(np.abs(values).max(initial=0.0))
         if len(distinct) < len(points):
             points, values = points[distinct], values[distinct]
         left = evaluation.displacement(coarse, points)
