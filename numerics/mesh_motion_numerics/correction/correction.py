@@ -106,7 +106,7 @@ def correct(problem: CorrectionProblem, method: Method) -> Correction:
     p = problem
     reference = p.start if p.reference is None else p.reference
     mesh = TrialMesh(reference, p.cells, p.reference_sizes, p.held, method.quality_metric, elsewhere=p.elsewhere)
-    unchanged = _without_points(problem, p.begin)
+    unchanged = Correction(p.begin, p.begin[:0])
     if p.known is not None and p.valid is None and (method.correction == "none" or p.known >= goal(method)):
         return _judged(unchanged, method, p.known)
     before = mesh.cell_quality(p.begin)
@@ -127,17 +127,6 @@ def correct(problem: CorrectionProblem, method: Method) -> Correction:
     if not corrected.min() > 0.0:
         raise _refusal(corrected, method)
     return _judged(replace(found, method=method.correction), method, float(corrected.min()), after)
-
-
-def _without_points(problem: CorrectionProblem, points: Floats) -> Correction:
-    """The positions (n, d), found without an enrichment point."""
-    return Correction(points, np.empty((0, problem.start.shape[1])))
-
-
-def _freed(problem: CorrectionProblem, found: Polished) -> Correction:
-    """Return the result of freeing nodes."""
-    freed = _without_points(problem, found.points)
-    return replace(freed, freed_nodes=found.freed, iterations=found.iterations, history=found.history)
 
 
 def _judged(found: Correction, method: Method, minimum: float, quality: CellQuality | None = None) -> Correction:
@@ -162,7 +151,8 @@ def _optimised(problem: CorrectionProblem, method: Method, mesh: TrialMesh, qual
     """Free trial nodes: all nodes for the maximum, a growing region for the threshold."""
     if problem.start.shape[1] == 1:
         freed = int(np.count_nonzero(~mesh.held))
-        return replace(_without_points(problem, equal_stretch(problem.begin, mesh)), freed_nodes=freed)
+        points = equal_stretch(problem.begin, mesh)
+        return Correction(points, points[:0], freed)
     found = _with_trial_nodes(problem, method, mesh.released(problem.constraint), quality)
     walls = problem.constraint if problem.constraint is not None and problem.constraint.sliding is not None else None
     if found is not None and walls is not None and found.minimum < method.quality_threshold:
@@ -170,7 +160,9 @@ def _optimised(problem: CorrectionProblem, method: Method, mesh: TrialMesh, qual
         held = mesh.released(walls.with_walls_held())
         alone = _with_trial_nodes(problem, method, held, quality) or found
         found = max(found, alone, key=lambda one: one.minimum)
-    return _without_points(problem, problem.begin) if found is None else _freed(problem, found)
+    if found is None:
+        return Correction(problem.begin, problem.begin[:0])
+    return Correction(found.points, found.points[:0], found.freed, found.iterations, found.history)
 
 
 def _with_trial_nodes(problem: CorrectionProblem, method: Method, mesh: TrialMesh, quality: Floats) -> Polished | None:
@@ -219,7 +211,7 @@ def _could_be_valid(mesh: TrialMesh, quality: Floats) -> bool:
 def _enrichment(problem: CorrectionProblem, method: Method, mesh: TrialMesh, quality: Floats) -> Correction:
     """Enrichment points with all coefficients optimised."""
     if method.max_enrichment_points == 0:
-        return _without_points(problem, problem.standard)
+        return Correction(problem.standard, problem.standard[:0])
     p, count, radius = problem, method.max_enrichment_points, _radius(method)
     placement = optimised_placement(p.start, p.cells, quality, count=count, radius=radius)
     space = EnrichmentSpace(placement, p.factorization)

@@ -229,8 +229,6 @@ class SmoothMotion:
         RegionTooSmall
             If the mesh is a region of another one, and nodes with cells elsewhere would be free.
         """
-        if distorted is not None and not len(distorted):
-            return Smoothed(plain)
         region = self.region(plain, distorted)
         if region is None:
             return Smoothed(plain)

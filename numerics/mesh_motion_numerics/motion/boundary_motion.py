@@ -35,9 +35,8 @@ from mesh_motion_numerics.mesh.points import bounding_box
 from mesh_motion_numerics.mesh.roles import SLIDING_ROLES, BoundaryRoles, Patch, nodes_with
 from mesh_motion_numerics.method import Method
 from mesh_motion_numerics.motion.body_paths import Body, Way, ways
-from mesh_motion_numerics.motion.exact_displacements import BoundaryDisplacement
 from mesh_motion_numerics.motion.layered_walls import LayeredWalls
-from mesh_motion_numerics.motion.motion_found import Motion
+from mesh_motion_numerics.motion.motion_found import BoundaryDisplacement, Motion
 from mesh_motion_numerics.motion.motion_slope import PlainSlope, plain_slope, why_no_slope
 from mesh_motion_numerics.motion.smooth_step import PlainWay, smooth_step
 from mesh_motion_numerics.motion.standard_motion import StandardMotion
@@ -193,7 +192,7 @@ class BoundaryMotion:
             points=trial.points,
             standard=unknown,
             corrected=unknown,
-            correction=Correction(trial.points, np.empty((0, committed.shape[1]))),
+            correction=Correction(trial.points, trial.points[:0]),
             reached=False,
             seconds=watch.seconds(),
             caches=dict(recorded.found),

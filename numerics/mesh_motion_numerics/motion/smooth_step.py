@@ -47,7 +47,7 @@ class Followed:
         found = self.found
         return Correction(
             found.points,
-            np.empty((0, found.points.shape[1])),
+            found.points[:0],
             freed_nodes=found.freed,
             iterations=self.iterations,
             method="smooth" if found.freed else "none",
