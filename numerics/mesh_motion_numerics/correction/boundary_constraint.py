@@ -25,22 +25,12 @@ from mesh_motion_numerics.mesh.surface_constraints import OnFacets, OnPlanes, On
 
 @dataclass(frozen=True, eq=False)
 class BoundaryConstraint:
-    """The constraint of the boundary nodes of a mesh.
+    """The constraint of the boundary nodes of a mesh."""
 
-    Attributes
-    ----------
-    released : (n,) bool array
-        Nodes that may move.
-    sliding : SlidingSurfaces or None
-        Surfaces of the sliding nodes.
-    facets : OutwardFacets
-        Facets of the sliding patches.
-    """
-
-    released: Marks
-    sliding: SlidingSurfaces | None
+    released: Marks  # (n,). Nodes that may move
+    sliding: SlidingSurfaces | None  # Surfaces of the sliding nodes
     periodic: PeriodicNodes | None
-    facets: OutwardFacets
+    facets: OutwardFacets  # Facets of the sliding patches
 
     @classmethod
     def build(

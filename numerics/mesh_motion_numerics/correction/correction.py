@@ -57,35 +57,18 @@ _NOTICED = 1.01
 
 @dataclass(frozen=True, eq=False)
 class Correction:
-    """The result of the correction.
+    """The result of the correction."""
 
-    Attributes
-    ----------
-    points : (n, d) array, mesh length unit
-        Corrected trial positions.
-    enrichment_points : (K, d) array, mesh length unit
-    freed_nodes : int
-        Number of trial nodes that moved individually.
-    history : tuple of Stage
-        The stages of the minimisation, if nodes were freed.
-    method : str
-        "none" if the standard motion was not changed, otherwise the correction.
-    minimum : float
-        Smallest quality of all cells; negative where a cell is inverted (only with correction "none").
-    reached : bool
-        Whether the minimum is at or above the threshold.
-    quality : CellQuality or None
-        Quality of every cell at ``points``; None if only the minimum was needed and known.
-    """
-
-    points: Floats
-    enrichment_points: Floats
-    freed_nodes: int = 0
+    points: Floats  # (n, d), mesh length unit. Corrected trial positions
+    enrichment_points: Floats  # (K, d), mesh length unit
+    freed_nodes: int = 0  # Number of trial nodes that moved individually
     iterations: int = 0
-    history: tuple[Stage, ...] = ()
-    method: str = "none"
+    history: tuple[Stage, ...] = ()  # The stages of the minimisation, if nodes were freed
+    method: str = "none"  # "none" if the standard motion was not changed, otherwise the correction
+    #: Smallest quality of all cells; negative where a cell is inverted (only with correction "none").
     minimum: float = float("nan")
-    reached: bool = False
+    reached: bool = False  # Whether the minimum is at or above the threshold
+    #: Quality of every cell at ``points``; None if only the minimum was needed and known.
     quality: CellQuality | None = None
     warnings: tuple[str, ...] = ()
 

@@ -24,23 +24,13 @@ System = Callable[[NodeAdjacency, Floats], Callable[[Floats], Floats]]
 
 @dataclass(frozen=True, eq=False)
 class LinkedUnknowns:
-    """The links of a region's free nodes.
+    """The links of a region's free nodes."""
 
-    Attributes
-    ----------
-    targets : (f,) int64 array
-        Number of each free node's representative among the r representatives.
-    roots : (r,) int64 array
-        The representatives among the free nodes, ascending.
-    adjacency : NodeAdjacency
-        The representatives' Hessian pattern; it has no corners of its own.
-    rows, columns, slots : (b,) int64 arrays
-        Free nodes of each block of their Hessian, and its position among the representatives' blocks.
-    """
-
-    targets: Integers
-    roots: Integers
-    adjacency: NodeAdjacency
+    targets: Integers  # (f,). Number of each free node's representative among the r representatives
+    roots: Integers  # (r,). The representatives among the free nodes, ascending
+    adjacency: NodeAdjacency  # The representatives' Hessian pattern; it has no corners of its own
+    #: rows, columns, slots: (b,). Free nodes of each block of their Hessian, and its position among the
+    #: representatives' blocks.
     rows: Integers
     columns: Integers
     slots: Integers

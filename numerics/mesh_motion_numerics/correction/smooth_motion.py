@@ -86,22 +86,13 @@ def onset_of(n_nodes: int) -> float:
 
 @dataclass(frozen=True)
 class Law:
-    """The resistance ψ of a cell.
+    """The resistance ψ of a cell."""
 
-    Attributes
-    ----------
-    onset : float
-        Distortion at which a cell begins to resist.
-    stiffness, power : float
-        k and K.
-    norm : PNorm
-        Weight and sharpness of the size in f.
-    """
-
-    onset: float = -math.log(_ONSET)
+    onset: float = -math.log(_ONSET)  # Distortion at which a cell begins to resist
+    #: stiffness, power: k and K
     stiffness: float = 15.0
     power: float = 5.0
-    norm: PNorm = field(default_factory=lambda: PNorm(1.0, 16.0))
+    norm: PNorm = field(default_factory=lambda: PNorm(1.0, 16.0))  # Weight and sharpness of the size in f
 
     @classmethod
     def of(cls, n_nodes: int) -> Law:
@@ -131,48 +122,26 @@ class Law:
 
 @dataclass(frozen=True, eq=False)
 class Smoothed:
-    """A corrected motion.
+    """A corrected motion."""
 
-    Attributes
-    ----------
-    points : (n, d) array, mesh length unit
-    freed : int
-        Number of nodes that were free.
-    converged : bool
-        Whether the iterations ended at the minimum.
-    residual : float, mesh length unit
-        The last Newton step's largest displacement of a node.
-    """
-
-    points: Floats
-    freed: int = 0
+    points: Floats  # (n, d), mesh length unit
+    freed: int = 0  # Number of nodes that were free
     iterations: int = 0
-    converged: bool = True
-    residual: float = 0.0
+    converged: bool = True  # Whether the iterations ended at the minimum
+    residual: float = 0.0  # mesh length unit. The last Newton step's largest displacement of a node
 
 
 @dataclass(eq=False)
 class SmoothMotion:
-    """The correction of one mesh; its result depends on the plain motion only.
+    """The correction of one mesh; its result depends on the plain motion only."""
 
-    Attributes
-    ----------
-    reference : (n, d) array, mesh length unit
-        Nodes of the reference mesh.
-    held : (n,) bool array
-        Nodes that keep their plain positions.
-    constraint : BoundaryConstraint, optional
-        The constraint of nodes that are not held but slide along planes or move together.
-    elsewhere : Elsewhere, optional
-        The rest of the mesh, if this is a region of it.
-    """
-
-    reference: Floats
+    reference: Floats  # (n, d), mesh length unit. Nodes of the reference mesh
     cells: CellTable
-    held: Marks
+    held: Marks  # (n,). Nodes that keep their plain positions
     law: Law = field(default_factory=Law)
+    #: The constraint of nodes that are not held but slide along planes or move together.
     constraint: BoundaryConstraint | None = None
-    elsewhere: Elsewhere | None = None
+    elsewhere: Elsewhere | None = None  # The rest of the mesh, if this is a region of it
     _later: SmoothMotion | None = None
     _last: tuple[bytes, SmoothRegion] | None = None  # of the latest free nodes: the next ones are often the same
 

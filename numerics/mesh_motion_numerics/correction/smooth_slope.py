@@ -34,20 +34,13 @@ SAME = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class SmoothSlope:
-    """The derivative at one mesh.
-
-    Attributes
-    ----------
-    plain, points : (n, d) arrays, mesh length unit
-        The plain motion and the corrected one.
-    region : SmoothRegion or None
-        The free nodes; None if no cell resists, so that both meshes are the same.
-    """
+    """The derivative at one mesh."""
 
     motion: SmoothMotion
+    #: plain, points: (n, d), mesh length unit. The plain motion and the corrected one.
     plain: Floats
     points: Floats
-    region: SmoothRegion | None
+    region: SmoothRegion | None  # The free nodes; None if no cell resists, so that both meshes are the same
 
     @classmethod
     def build(cls, motion: SmoothMotion, plain: Floats, points: Floats) -> SmoothSlope:

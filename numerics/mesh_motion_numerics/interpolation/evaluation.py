@@ -31,17 +31,11 @@ class NearOperator:
 
     Few places are within reach of a level, and each of them is near few centres. The matrix depends only on centres and
     places, so it is made once for a state of the mesh and used for all displacements from this state.
-
-    Attributes
-    ----------
-    rows : (r,) int64 array
-        Places that the level may reach, with neighbours next to each other; at all other places the level is 0.
-    matrix : SparseRows
-        Values of the level's functions there.
     """
 
+    #: (r,). Places that the level may reach, with neighbours next to each other; at all other places the level is 0.
     rows: Integers
-    matrix: SparseRows
+    matrix: SparseRows  # Values of the level's functions there
 
     @classmethod
     def build(cls, level: Interpolant, points: Floats, *, skipped: Integers | None = None) -> NearOperator:

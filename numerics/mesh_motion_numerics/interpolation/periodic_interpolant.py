@@ -81,18 +81,11 @@ class _Images:
 
 @dataclass(frozen=True, eq=False)
 class PeriodicFactorization:
-    """A prepared matrix of periodic control points; a :class:`Factorization`.
+    """A prepared matrix of periodic control points; a :class:`Factorization`."""
 
-    Attributes
-    ----------
-    control_points : (nc, d) array, mesh length unit
-        One control point of each orbit.
-    support_radius : float, mesh length unit
-    """
-
-    control_points: Floats
+    control_points: Floats  # (nc, d), mesh length unit. One control point of each orbit
     basis: Basis
-    support_radius: float
+    support_radius: float  # mesh length unit
     images: _Images
     layout: CentreLayout
     system: LinearSolver
@@ -213,17 +206,10 @@ def _level(
 
 @dataclass(frozen=True, eq=False)
 class PeriodicLevels:
-    """Prepared matrices of periodic control points, widest first; a :class:`Factorization`.
+    """Prepared matrices of periodic control points, widest first; a :class:`Factorization`."""
 
-    Attributes
-    ----------
-    control_points : (nc, d) array, mesh length unit
-        One control point of each orbit.
-    levels : list of (members (m,), PeriodicFactorization)
-        The levels; the last one has all control points.
-    """
-
-    control_points: Floats
+    control_points: Floats  # (nc, d), mesh length unit. One control point of each orbit
+    #: Members (m,) and factorization of each level; the last one has all control points.
     levels: list[tuple[Integers, PeriodicFactorization]]
 
     def solve(self, values: Floats) -> TwoScaleInterpolant:

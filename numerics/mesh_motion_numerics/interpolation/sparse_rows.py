@@ -12,15 +12,10 @@ from mesh_motion_numerics.arrays import Floats, Integers, Shorts
 
 
 class SparseRows(NamedTuple):
-    """A sparse matrix in compressed rows with SciPy's names but no checks, because every state of a mesh makes one.
+    """A sparse matrix in compressed rows with SciPy's names but no checks, because every state of a mesh makes one."""
 
-    Attributes
-    ----------
-    indptr : (m + 1,) int32 array
-    indices, data : (e,) int32 and float64 arrays
-    """
-
-    indptr: Shorts
+    indptr: Shorts  # (m + 1,)
+    #: indices, data: (e,)
     indices: Shorts
     data: Floats
 

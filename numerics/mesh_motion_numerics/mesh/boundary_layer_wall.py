@@ -49,18 +49,10 @@ _MOST_NEAR = {2: 33, 3: 9}  # nodes in a mean, at most: those of a large wall in
 
 
 class WallPlaces(NamedTuple):
-    """Places on a wall.
+    """Places on a wall."""
 
-    Attributes
-    ----------
-    corners : (l, d) int64 array
-        Rows of the wall's nodes: the corners of the facet on which each place lies.
-    weights : (l, d) array
-        Barycentric coordinates.
-    """
-
-    corners: Integers
-    weights: Floats
+    corners: Integers  # (l, d). Rows of the wall's nodes: the corners of the facet on which each place lies
+    weights: Floats  # (l, d). Barycentric coordinates
 
     def of(self, values: Floats) -> Floats:
         """Values (w, d) of the wall's nodes, interpolated at the places: (l, d)."""

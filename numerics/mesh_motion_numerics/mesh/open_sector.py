@@ -27,25 +27,14 @@ _SUGGESTED = 0.95
 
 @dataclass(frozen=True, eq=False)
 class OpenSector:
-    """The sector of a mesh.
+    """The sector of a mesh."""
 
-    Attributes
-    ----------
-    turn : Transform
-        The rotation by the sector's angle.
-    others : tuple of Transform
-        The other generators of the periodic images.
-    angle, width : float
-        A and W.
-    inner : float, mesh length unit
-        r.
-    """
-
-    turn: Transform
-    others: tuple[Transform, ...]
+    turn: Transform  # The rotation by the sector's angle
+    others: tuple[Transform, ...]  # The other generators of the periodic images
+    #: angle, width: A and W.
     angle: float
     width: float
-    inner: float
+    inner: float  # mesh length unit. r
 
     @classmethod
     def of(cls, points: Floats, generators: Sequence[Transform]) -> OpenSector | None:

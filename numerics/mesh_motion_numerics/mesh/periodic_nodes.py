@@ -31,24 +31,15 @@ _TORN = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class PeriodicNodes:
-    """The orbits of a mesh's periodic nodes.
+    """The orbits of a mesh's periodic nodes."""
 
-    Attributes
-    ----------
-    reference : (n, d) array, mesh length unit
-        Coordinates of all nodes of the mesh.
-    members, roots : (p,) int64 arrays
-        Each node on a periodic patch, ascending, and the root of its orbit.
-    rotations : (p, d, d) array
-        Turn the root's displacement into the member's.
-    projectors : (p, d, d) array
-        Projections onto the displacements that the root's orbit allows; the identity except for nodes on an axis.
-    """
-
-    reference: Floats
+    reference: Floats  # (n, d), mesh length unit. Coordinates of all nodes of the mesh
+    #: members, roots: (p,). Each node on a periodic patch, ascending, and the root of its orbit.
     members: Integers
     roots: Integers
-    rotations: Floats
+    rotations: Floats  # (p, d, d). Turn the root's displacement into the member's
+    #: (p, d, d). Projections onto the displacements that the root's orbit allows; the identity except for nodes on an
+    #: axis.
     projectors: Floats
     pairs: tuple[PeriodicPair, ...]
 

@@ -36,25 +36,14 @@ _AXIS = 1e-9  # a direction this close to a coordinate axis is set to that axis
 
 @dataclass(frozen=True, eq=False)
 class PeriodicPair:
-    """Two patches that are images of each other.
+    """Two patches that are images of each other."""
 
-    Attributes
-    ----------
-    first, second : str
-        Names of the patches.
-    transform : Transform
-        Maps the first patch onto the second.
-    nodes : (p, 2) int64 array
-        Each node of the first patch and its image.
-    error : float, mesh length unit
-        Largest distance of a transformed node from its image.
-    """
-
+    #: first, second: Names of the patches.
     first: str
     second: str
-    transform: Transform
-    nodes: Integers
-    error: float
+    transform: Transform  # Maps the first patch onto the second
+    nodes: Integers  # (p, 2). Each node of the first patch and its image
+    error: float  # mesh length unit. Largest distance of a transformed node from its image
 
     def describe(self) -> str:
         """A description: the patches, and the translation or the number of sectors between them."""

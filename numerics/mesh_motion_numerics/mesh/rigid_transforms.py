@@ -19,18 +19,10 @@ _ROUNDING = 1e-14  # of an angle
 
 @dataclass(frozen=True, eq=False)
 class Transform:
-    """``x → R x + s``.
+    """``x → R x + s``."""
 
-    Attributes
-    ----------
-    rotation : (d, d) array
-        R.
-    shift : (d,) array, mesh length unit
-        s.
-    """
-
-    rotation: Floats
-    shift: Floats
+    rotation: Floats  # (d, d). R
+    shift: Floats  # (d,), mesh length unit. s
 
     @classmethod
     def identity(cls, dimension: int) -> Transform:

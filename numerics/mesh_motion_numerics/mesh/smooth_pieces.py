@@ -25,21 +25,11 @@ _AXIS = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """Facets without a sharp edge between them.
+    """Facets without a sharp edge between them."""
 
-    Attributes
-    ----------
-    nodes : (p,) int64 array
-        Ascending.
-    facets : (f, w) int64 array
-        Node indices; w = 1 in 1D, 2 in 2D, 4 in 3D with −1 at the end of a triangle.
-    normal : (d,) array or None
-        Unit normal if the piece is planar.
-    """
-
-    nodes: Integers
-    facets: Integers
-    normal: Floats | None
+    nodes: Integers  # (p,). Ascending
+    facets: Integers  # (f, w). Node indices; w = 1 in 1D, 2 in 2D, 4 in 3D with −1 at the end of a triangle
+    normal: Floats | None  # (d,). Unit normal if the piece is planar
 
     @property
     def simplices(self) -> Integers:

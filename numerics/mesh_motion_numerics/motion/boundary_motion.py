@@ -57,24 +57,12 @@ _CORRECTIONS = {"slip": ("smooth",), "symmetry": ("smooth",), "periodic": ("none
 
 @dataclass(frozen=True, eq=False)
 class BoundaryMotion:
-    """The boundary of a mesh with its motions.
+    """The boundary of a mesh with its motions."""
 
-    Attributes
-    ----------
-    motion : StandardMotion
-        Motion of the nodes of the boundary, and of those that span the box of the mesh.
-    bodies : dict of str to Body
-        The moving patches.
-    rims : PlaneRims or None
-        Moving nodes on plane slip and symmetry walls.
-    constraint : BoundaryConstraint or None
-        Constraint of the nodes on walls that the smooth correction may move.
-    """
-
-    motion: StandardMotion
-    bodies: Mapping[str, Body]
-    rims: PlaneRims | None
-    constraint: BoundaryConstraint | None
+    motion: StandardMotion  # Motion of the nodes of the boundary, and of those that span the box of the mesh
+    bodies: Mapping[str, Body]  # The moving patches
+    rims: PlaneRims | None  # Moving nodes on plane slip and symmetry walls
+    constraint: BoundaryConstraint | None  # Constraint of the nodes on walls that the smooth correction may move
     warnings: tuple[str, ...] = ()
 
     @classmethod

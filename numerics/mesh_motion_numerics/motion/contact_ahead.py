@@ -25,25 +25,14 @@ _SPLITS = {"line": ((0, 1),), "triangle": ((0, 2, 1),), "quad": ((0, 2, 1), (0, 
 
 @dataclass(frozen=True, eq=False)
 class ContactAhead:
-    """The facets of a boundary all of whose nodes have prescribed positions.
+    """The facets of a boundary all of whose nodes have prescribed positions."""
 
-    Attributes
-    ----------
-    facets : (f, d) int32 array
-        Segments or triangles; followed by a node on their inner side, where the cells are, they are a simplex of
-        positive volume.
-    starts : (b,) int64 array
-        The first facets of blocks of neighbours that face the same side of the axes.
-    moving : (f,) bool array
-        Whether a node of the facet moves.
-    stiff : CellTable or None
-        The cells without a free node, if there are any.
-    """
-
+    #: (f, d). Segments or triangles; followed by a node on their inner side, where the cells are, they are a simplex of
+    #: positive volume.
     facets: NDArray[np.int32]
-    starts: Integers
-    moving: Marks
-    stiff: CellTable | None
+    starts: Integers  # (b,). The first facets of blocks of neighbours that face the same side of the axes
+    moving: Marks  # (f,). Whether a node of the facet moves
+    stiff: CellTable | None  # The cells without a free node, if there are any
 
     @classmethod
     def build(cls, boundary: BoundaryFacets, points: Floats, stiff: CellTable | None = None) -> ContactAhead:

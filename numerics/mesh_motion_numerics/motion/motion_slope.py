@@ -34,18 +34,11 @@ from mesh_motion_numerics.stopwatch import Stopwatch
 
 @dataclass(frozen=True, eq=False)
 class MotionSlope:
-    """The derivative J of all nodes' positions by those of the moving nodes, at one mesh.
-
-    Attributes
-    ----------
-    smooth : SmoothSlope or None
-        Derivative of the correction; None without one.
-    winding : WindingSlope or None
-        Derivative of the winding of the plain motion; None if no body has turned by more than a quarter turn.
-    """
+    """The derivative J of all nodes' positions by those of the moving nodes, at one mesh."""
 
     plain: PlainSlope
-    smooth: SmoothSlope | None
+    smooth: SmoothSlope | None  # Derivative of the correction; None without one
+    #: Derivative of the winding of the plain motion; None if no body has turned by more than a quarter turn.
     winding: WindingSlope | None = None
 
     def tangent(self, velocity: Floats) -> Floats:

@@ -21,22 +21,13 @@ _NEAR, _MORE = 6.0, 1.5  # from so many steps on, resisting cells keep the thres
 
 @dataclass(frozen=True)
 class Headroom:
-    """Multiples of a step that can follow it, if every node continues in this way; ``inf`` beyond :data:`HORIZON`.
+    """Multiples of a step that can follow it, if every node continues in this way; ``inf`` beyond :data:`HORIZON`."""
 
-    Attributes
-    ----------
-    inversion : float
-        Until the first cell inverts; with the smooth correction, until none can be valid.
-    threshold : float
-        Until a cell of those that invert first, or of the worst ones, is below the quality threshold; 0 if the mesh
-        is below it now.
-    cell : int
-        The cell that inverts first if all nodes go straight on.
-    """
-
-    inversion: float
+    inversion: float  # Until the first cell inverts; with the smooth correction, until none can be valid
+    #: Until a cell of those that invert first, or of the worst ones, is below the quality threshold; 0 if the mesh is
+    #: below it now.
     threshold: float
-    cell: int
+    cell: int  # The cell that inverts first if all nodes go straight on
 
 
 def headroom(

@@ -40,28 +40,15 @@ _SMALLEST_EXTENT, _LARGEST_EXTENT = 1e-12, 1e15
 
 
 class CheckedMesh(NamedTuple):
-    """The result of the check of a usable mesh.
+    """The result of the check of a usable mesh."""
 
-    Attributes
-    ----------
-    cells : CellTable
-        In one orientation (:mod:`.orientation`); all later code computes with these.
-    reference_sizes : (m,) array
-        Result of :func:`~mesh_motion_numerics.quality.metrics.reference_sizes`, all positive.
-    resting : (r,) int64 array
-        Nodes in no patch that stay where they are: those behind fixed nodes.
-    coincident : (c, 2) int64 array
-        Boundary or patch nodes at the same place: the first one, and another one.
-    loose : (l,) int64 array
-        Nodes in no cell and in no patch.
-    """
-
-    cells: CellTable
+    cells: CellTable  # In one orientation (:mod:`.orientation`); all later code computes with these
+    #: (m,). Result of :func:`~mesh_motion_numerics.quality.metrics.reference_sizes`, all positive.
     reference_sizes: Floats
     warnings: list[str]
-    resting: Integers
-    coincident: Integers
-    loose: Integers
+    resting: Integers  # (r,). Nodes in no patch that stay where they are: those behind fixed nodes
+    coincident: Integers  # (c, 2). Boundary or patch nodes at the same place: the first one, and another one
+    loose: Integers  # (l,). Nodes in no cell and in no patch
 
 
 def checked_mesh(points: Floats, cells: CellTable, patches: Mapping[str, Patch]) -> CheckedMesh:

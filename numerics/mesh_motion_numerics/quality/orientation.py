@@ -30,21 +30,11 @@ _PLURALS = {"tetra": "tetrahedra", "hexahedron": "hexahedra"}
 
 
 class OrientedCells(NamedTuple):
-    """Cells in the orientation of :data:`~mesh_motion_numerics.mesh.cells.CELL_TYPES`.
+    """Cells in the orientation of :data:`~mesh_motion_numerics.mesh.cells.CELL_TYPES`."""
 
-    Attributes
-    ----------
-    cells : CellTable
-        The same table object if no cell was mirrored.
-    sizes : (m,) array
-        Result of :func:`~mesh_motion_numerics.quality.metrics.reference_sizes`.
-    mirrored : (k,) int64 array
-        Numbers of the mirrored cells, ascending.
-    """
-
-    cells: CellTable
-    sizes: Floats
-    mirrored: Integers
+    cells: CellTable  # The same table object if no cell was mirrored
+    sizes: Floats  # (m,). Result of :func:`~mesh_motion_numerics.quality.metrics.reference_sizes`
+    mirrored: Integers  # (k,). Numbers of the mirrored cells, ascending
 
     @property
     def warnings(self) -> list[str]:

@@ -30,36 +30,22 @@ from mesh_motion_numerics.interpolation.kernels import (
 
 @dataclass(frozen=True)
 class ImposedGradient:
-    """Settings of the imposed-gradient correction.
+    """Settings of the imposed-gradient correction."""
 
-    Attributes
-    ----------
-    support_radius : float, mesh length unit
-        R of the basis.
-    enrichment_radius : float, mesh length unit
-        R_l.
-    function : {"H1", "H2", "H3"}
-    """
-
-    support_radius: float
-    enrichment_radius: float
+    support_radius: float  # mesh length unit. R of the basis
+    enrichment_radius: float  # mesh length unit. R_l
     basis: str = DEFAULT_BASIS
-    function: str = "H1"
+    function: str = "H1"  # {"H1", "H2", "H3"}
 
 
 @dataclass(frozen=True, eq=False)
 class EnrichedInterpolant:
-    """The solution of thesis (4.9).
+    """The solution of thesis (4.9)."""
 
-    Attributes
-    ----------
-    boundary, enrichment_points : (nb,), (nc,) arrays, mesh length unit
-    weights, coefficients : (nb,), (nc,) arrays
-        γ and β.
-    """
-
+    #: boundary, enrichment_points: (nb,), (nc,), mesh length unit
     boundary: Floats
     enrichment_points: Floats
+    #: weights, coefficients: (nb,), (nc,). γ and β
     weights: Floats
     coefficients: Floats
     settings: ImposedGradient

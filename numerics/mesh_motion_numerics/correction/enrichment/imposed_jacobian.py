@@ -45,44 +45,24 @@ SPACING = 0.1
 
 @dataclass(frozen=True, kw_only=True)
 class ImposedSettings:
-    """Choices of :func:`imposed_jacobians`.
+    """Choices of :func:`imposed_jacobians`."""
 
-    Attributes
-    ----------
-    enrichment_radius : float, mesh length unit
-        R_l.
-    threshold : float
-        Stop when the predicted minimum reaches it.
-    max_rounds : int
-        Largest number of times that the Jacobians are imposed.
-    function : {"H1", "H2", "H3"}
-    correct_cell : callable
-        Displacement gradient J (d, d) of a cell → its change (d, d).
-    """
-
-    enrichment_radius: float
-    threshold: float = 0.2
+    enrichment_radius: float  # mesh length unit. R_l
+    threshold: float = 0.2  # Stop when the predicted minimum reaches it
     max_points: int = 20
-    max_rounds: int = 20
-    function: str = "H1"
+    max_rounds: int = 20  # Largest number of times that the Jacobians are imposed
+    function: str = "H1"  # {"H1", "H2", "H3"}
+    #: Displacement gradient J (d, d) of a cell → its change (d, d).
     correct_cell: Callable[[Floats], Floats] = eigen_correction
 
 
 @dataclass(frozen=True, eq=False)
 class ImposedJacobians:
-    """The best round of :func:`imposed_jacobians`.
+    """The best round of :func:`imposed_jacobians`."""
 
-    Attributes
-    ----------
-    points : (n, d) array, mesh length unit
-    enrichment_points : (K, d) array, mesh length unit
-    minima : tuple of float
-        Smallest quality after each round; the first is that of the standard motion.
-    """
-
-    points: Floats
-    enrichment_points: Floats
-    minima: tuple[float, ...]
+    points: Floats  # (n, d), mesh length unit
+    enrichment_points: Floats  # (K, d), mesh length unit
+    minima: tuple[float, ...]  # Smallest quality after each round; the first is that of the standard motion
 
 
 def impose(function_gradients: Floats, change: Floats, *, penalty: float = 0.0) -> Floats:

@@ -25,20 +25,11 @@ RADIUS_CYCLE = (1.0, 0.5, 2.0)
 
 
 class Placement(NamedTuple):
-    """K places for enrichment points.
+    """K places for enrichment points."""
 
-    Attributes
-    ----------
-    cells : (K,) int array
-        Numbers of the chosen cells, in the order of choice.
-    points : (K, d) array, mesh length unit
-        Their centres.
-    radii : (K,) array, mesh length unit
-    """
-
-    cells: Integers
-    points: Floats
-    radii: Floats
+    cells: Integers  # (K,). Numbers of the chosen cells, in the order of choice
+    points: Floats  # (K, d), mesh length unit. Their centres
+    radii: Floats  # (K,), mesh length unit
 
 
 def worst_cell(quality: Floats) -> int:

@@ -73,22 +73,12 @@ _FEW = 12
 
 @dataclass(frozen=True, eq=False)
 class CompactLevel:
-    """The data of a level that are kept over all states of the mesh.
+    """The data of a level that are kept over all states of the mesh."""
 
-    Attributes
-    ----------
-    members : (m,) int64 array
-        Its control points.
-    radius : float, mesh length unit
-    reference : (m, 3) array, mesh length unit
-        The members' reference positions.
-    direct : bool
-        Whether a factor solves it, so that it is linear to rounding. Its nodes are few, and are factorized once.
-    """
-
-    members: Integers
-    radius: float
-    reference: Floats
+    members: Integers  # (m,). Its control points
+    radius: float  # mesh length unit
+    reference: Floats  # (m, 3), mesh length unit. The members' reference positions
+    #: Whether a factor solves it, so that it is linear to rounding. Its nodes are few, and are factorized once.
     direct: bool = False
 
     @cached_property
@@ -199,20 +189,12 @@ def _levels(
 
 @dataclass(frozen=True, eq=False)
 class CompactSystem:
-    """A level's matrix at one state of the mesh.
-
-    Attributes
-    ----------
-    points : (m, d) array, mesh length unit
-        The members' positions.
-    matrix : SparseRows
-        Rows and columns in the members' order, which is the preconditioner's.
-    """
+    """A level's matrix at one state of the mesh."""
 
     level: CompactLevel
-    points: Floats
+    points: Floats  # (m, d), mesh length unit. The members' positions
     layout: CentreLayout
-    matrix: SparseRows
+    matrix: SparseRows  # Rows and columns in the members' order, which is the preconditioner's
 
     @classmethod
     def build(cls, level: CompactLevel, points: Floats) -> CompactSystem:

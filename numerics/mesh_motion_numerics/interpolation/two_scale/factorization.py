@@ -77,34 +77,18 @@ _OF_MANY, SEPARATION = 2e-4, 1e-3
 
 @dataclass(frozen=True, eq=False)
 class TwoScalePlan:
-    """The choices made from the reference mesh for all its states.
+    """The choices made from the reference mesh for all its states."""
 
-    Attributes
-    ----------
-    coarse : (m,) int64 array
-        Control points of the coarse interpolation.
-    gap : float, mesh length unit
-        Largest distance of a joined control point from the nearest coarse one.
-    levels : list of CompactLevel
-        The levels, widest first; numbers are rows of :attr:`distinct`.
-    basis, support_radius
-        Those of the coarse interpolation, as in :func:`~mesh_motion_numerics.interpolation.interpolant.factorize`.
-    gridded : bool
-        Whether a spline on a grid replaces the coarse sums.
-    smoothing : Smoothing or None
-        Of the coarse interpolation.
-    place : (n,) int64 array
-        For each control point the first one at its place.
-    """
-
-    coarse: Integers
-    gap: float
-    levels: list[CompactLevel]
+    coarse: Integers  # (m,). Control points of the coarse interpolation
+    gap: float  # mesh length unit. Largest distance of a joined control point from the nearest coarse one
+    levels: list[CompactLevel]  # The levels, widest first; numbers are rows of :attr:`distinct`
+    #: basis, support_radius: Those of the coarse interpolation, as in
+    #: :func:`~mesh_motion_numerics.interpolation.interpolant.factorize`.
     basis: str
     support_radius: float | None
-    gridded: bool
-    place: Integers
-    smoothing: Smoothing | None = None
+    gridded: bool  # Whether a spline on a grid replaces the coarse sums
+    place: Integers  # (n,). For each control point the first one at its place
+    smoothing: Smoothing | None = None  # Of the coarse interpolation
 
     @property
     def least_radius(self) -> float:
@@ -259,22 +243,13 @@ def plan_for(
 
 @dataclass(frozen=True, eq=False)
 class TwoScaleFactorization:
-    """A :class:`~mesh_motion_numerics.interpolation.interpolant.Factorization` in two scales.
+    """A :class:`~mesh_motion_numerics.interpolation.interpolant.Factorization` in two scales."""
 
-    Attributes
-    ----------
-    control_points : (n, d) array, mesh length unit
-    grid : NestedGrid or None
-        None if the coarse sums are evaluated directly.
-    systems : list of CompactSystem
-        Widest first; the last has all distinct control points.
-    """
-
-    control_points: Floats
+    control_points: Floats  # (n, d), mesh length unit
     plan: TwoScalePlan
     coarse: AllCentreFactorization
-    grid: NestedGrid | None
-    systems: list[CompactSystem]
+    grid: NestedGrid | None  # None if the coarse sums are evaluated directly
+    systems: list[CompactSystem]  # Widest first; the last has all distinct control points
 
     def solve(self, values: Floats) -> TwoScaleInterpolant:
         """Return the interpolant of (n, k) values at the control points; the mean of values at the same place."""
