@@ -15,6 +15,7 @@ import numpy as np
 
 from mesh_motion_numerics.arrays import Floats, Integers
 from mesh_motion_numerics.correction.free_region import NodeAdjacency
+from mesh_motion_numerics.mesh.points import rows_among
 
 StepSolver = Callable[[NodeAdjacency, Floats, Floats], Floats]
 """(adjacency, Hessian blocks (b, d, d), −g (f, d)) → step (f, d)."""
@@ -39,9 +40,7 @@ class LinkedUnknowns:
     def build(cls, adjacency: NodeAdjacency, representatives: Integers) -> LinkedUnknowns:
         """Link the free nodes: each follows the free node in ``representatives`` (f,), possibly itself."""
         roots = np.flatnonzero(representatives == np.arange(len(representatives)))
-        number = np.full(len(representatives), -1, dtype=np.int64)
-        number[roots] = np.arange(len(roots))
-        targets = number[representatives]
+        targets = rows_among(len(representatives), roots)[representatives]
         order = np.argsort(targets, kind="stable")
         starts, columns, slots = kernels.linked_pattern(
             adjacency.row_starts, adjacency.columns, targets, order, len(roots)

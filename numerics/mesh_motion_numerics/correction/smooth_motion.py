@@ -57,6 +57,7 @@ from mesh_motion_numerics.correction.free_region import free_region, gathered
 from mesh_motion_numerics.correction.part_of_mesh import Elsewhere
 from mesh_motion_numerics.correction.smooth_region import ROUGH, SmoothRegion
 from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.mesh.points import marks_at
 from mesh_motion_numerics.quality.metrics import corner_quality, reference_sizes
 from mesh_motion_numerics.stopwatch import check_time
 
@@ -261,8 +262,7 @@ class SmoothMotion:
             distorted = np.flatnonzero(corner_quality(plain, self.cells, self.reference) < self.law.limit)
         if not len(distorted):
             return None
-        marked = np.zeros(len(self.cells), dtype=bool)
-        marked[distorted] = True
+        marked = marks_at(len(self.cells), distorted)
         sizes = self._sizes[marked]
         return corner_simplices(self.reference, self.cells.chosen(marked), sizes, at_rest=True, angles=True)
 

@@ -27,6 +27,13 @@ def spread(some: Integers, most: int) -> Integers:
     return some[np.unique(np.linspace(0, len(some) - 1, min(most, len(some))).astype(np.int64))]
 
 
+def rows_among(count: int, nodes: Integers) -> Integers:
+    """(count,) row of each node in ``nodes`` (k,), −1 for the others."""
+    rows = np.full(count, -1, dtype=np.int64)
+    rows[nodes] = np.arange(len(nodes))
+    return rows
+
+
 def marks_at(count: int, *nodes: Integers) -> Marks:
     """(count,) True at all of these nodes."""
     marks = np.zeros(count, dtype=bool)

@@ -102,6 +102,13 @@ def widened(block: Integers, width: int) -> Integers:
     return out
 
 
+def of_one_width(facets: Mapping[str, Integers]) -> Integers:
+    """All facets in one array: (f, 2) in 2D, (f, 4) in 3D with −1 at the end of a triangle."""
+    widest = max(nodes.shape[1] for nodes in facets.values())
+    width = 4 if widest > 2 else 2
+    return np.concatenate([widened(nodes, width) for nodes in facets.values()])
+
+
 def all_marked(marks: Marks, facets: Integers) -> Marks:
     """(f,) whether all nodes of each of the facets (f, w) are among the marked (n,) ones; −1 is no node."""
     return np.asarray((marks[facets] | (facets < 0)).all(axis=1))

@@ -18,9 +18,9 @@ from mesh_motion_numerics.arrays import Floats, Integers, Marks
 from mesh_motion_numerics.mesh.boundary_crossing import BoundaryFacets
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.mesh.morton import morton_codes
+from mesh_motion_numerics.mesh.smooth_pieces import as_simplices, of_one_width
 
 _BLOCK = 16  # facets
-_SPLITS = {"line": ((0, 1),), "triangle": ((0, 2, 1),), "quad": ((0, 2, 1), (0, 3, 2))}
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,8 +37,8 @@ class ContactAhead:
     @classmethod
     def build(cls, boundary: BoundaryFacets, points: Floats, stiff: CellTable | None = None) -> ContactAhead:
         """Build it for reference coordinates (n, d)."""
-        parts = [nodes[:, list(one)] for name, nodes in boundary.nodes.items() for one in _SPLITS[name]]
-        facets = np.concatenate(parts).astype(np.int32)
+        facets = as_simplices(of_one_width(boundary.nodes)).astype(np.int32)
+        facets[:, 1:] = facets[:, :0:-1].copy()  # outwards → inwards
         edges = points[facets[:, 1:]] - points[facets[:, :1]]
         normals = np.cross(edges[:, 0], edges[:, 1]) if len(facets[0]) == 3 else edges[:, 0, ::-1] * [-1.0, 1.0]
         axes, moving = np.abs(normals).argmax(axis=1), boundary.moving[facets].any(axis=1)

@@ -17,9 +17,8 @@ import numpy as np
 from scipy.sparse.csgraph import connected_components
 
 from mesh_motion_numerics.arrays import Floats, Integers, Marks
-from mesh_motion_numerics.mesh.boundary_orientation import of_one_width
 from mesh_motion_numerics.mesh.points import spread
-from mesh_motion_numerics.mesh.smooth_pieces import area_vectors, as_simplices
+from mesh_motion_numerics.mesh.smooth_pieces import area_vectors, as_simplices, of_one_width
 
 #: Places closer than this share of the facets' coordinates or sizes are one place.
 _SAME = 1e-13

@@ -92,8 +92,7 @@ def _on_the_way(
 
     The cells are judged at all places together, as a mesh with a copy of them for each place.
     """
-    spans = [(numbers >= span.start) & (numbers < span.stop) for _, span in cells.numbered]
-    own = [block.nodes[numbers[here] - span.start] for (block, span), here in zip(cells.numbered, spans, strict=True)]
+    own = [block.nodes[rows] for block, _, rows in cells.located(numbers)]
     nodes = np.unique(np.concatenate([rows.ravel() for rows in own]))
     shifts = len(nodes) * np.arange(_PLACES)[:, None, None]
     copies = {
@@ -101,7 +100,7 @@ def _on_the_way(
         for block, rows in zip(cells, own, strict=True)
     }
     table = CellTable.from_arrays(copies)
-    at_rest = rest[np.concatenate([np.tile(numbers[here], _PLACES) for here in spans])]
+    at_rest = rest[np.concatenate([np.tile(numbers[here], _PLACES) for _, here, _ in cells.located(numbers)])]
     if isinstance(at_rest, CellsAtRest):
         at_rest = at_rest.of_nodes(np.tile(nodes, _PLACES))
     begin, way = points[nodes], points[nodes] - before[nodes]

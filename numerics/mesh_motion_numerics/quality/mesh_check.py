@@ -26,7 +26,7 @@ from mesh_motion_numerics.mesh.patch_check import (
     nodes_in_no_patch,
     patch_warnings,
 )
-from mesh_motion_numerics.mesh.points import bounding_box
+from mesh_motion_numerics.mesh.points import bounding_box, marks_at
 from mesh_motion_numerics.mesh.roles import Patch
 from mesh_motion_numerics.quality.metrics import cell_quality, reference_sizes
 from mesh_motion_numerics.quality.orientation import OrientedCells, oriented
@@ -215,10 +215,7 @@ def _coincident(pairs: Integers) -> list[str]:
 
 def nodes_in_no_cell(n: int, cells: CellTable) -> Integers:
     """The nodes of ``n`` that are in no cell, ascending."""
-    used = np.zeros(n, dtype=bool)
-    for block in cells:
-        used[block.nodes] = True
-    return np.flatnonzero(~used)
+    return np.flatnonzero(~marks_at(n, *(block.nodes for block in cells)))
 
 
 def _orphans(orphans: Integers) -> list[str]:

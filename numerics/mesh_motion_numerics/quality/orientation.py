@@ -83,8 +83,7 @@ def oriented_at_rest(points: NDArray[np.floating], cells: CellTable) -> tuple[Ce
 def _mirrored(cells: CellTable, numbers: Integers) -> CellTable:
     """The cells, in which those with these numbers are replaced by their mirror images."""
     blocks = []
-    for block, span in cells.numbered:
-        rows = numbers[(numbers >= span.start) & (numbers < span.stop)] - span.start
+    for block, _, rows in cells.located(numbers):
         nodes = block.nodes.copy()
         nodes[rows] = block.nodes[rows[:, None], _MIRROR[block.type.name]]
         blocks.append(CellBlock(block.type, nodes) if len(rows) else block)

@@ -24,7 +24,7 @@ import numpy as np
 from mesh_motion_numerics.arrays import Floats
 from mesh_motion_numerics.correction.enrichment.eigen_correction import eigen_correction
 from mesh_motion_numerics.correction.enrichment.functions import slope_at_point
-from mesh_motion_numerics.correction.enrichment.placement import Placement, worst_cell
+from mesh_motion_numerics.correction.enrichment.placement import Placement
 from mesh_motion_numerics.correction.enrichment.space import EnrichmentSpace
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.quality.metrics import cell_quality
@@ -82,7 +82,7 @@ class Trial:
     def judged(self) -> Iterate:
         """The smallest predicted and actual quality, and the cell that is predicted worst."""
         quality = self.actual()
-        worst = worst_cell(quality)
+        worst = int(np.argmin(quality))  # of equal cells the first
         return Iterate(float(quality[worst]), float(quality[worst]), worst)
 
     def actual(self) -> Floats:

@@ -89,10 +89,8 @@ def impose(function_gradients: Floats, change: Floats, *, penalty: float = 0.0) 
 def cell_gradients(points: Floats, values: Floats, cells: CellTable, numbers: Integers) -> Floats:
     """(K, k, d) gradients of nodal values (n, k) in some cells (K,): exact for simplices, a fit for others."""
     out = np.empty((len(numbers), values.shape[1], points.shape[1]))
-    for block, span in cells.numbered:
-        here = (numbers >= span.start) & (numbers < span.stop)
-        nodes = block.nodes[numbers[here] - span.start]
-        x, v = points[nodes], values[nodes]
+    for block, here, rows in cells.located(numbers):
+        x, v = points[block.nodes[rows]], values[block.nodes[rows]]
         inverse = np.linalg.pinv(x - x.mean(axis=1, keepdims=True))
         out[here] = np.swapaxes(inverse @ (v - v.mean(axis=1, keepdims=True)), 1, 2)
     return out

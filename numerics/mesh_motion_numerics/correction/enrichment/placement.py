@@ -32,11 +32,6 @@ class Placement(NamedTuple):
     radii: Floats  # (K,), mesh length unit
 
 
-def worst_cell(quality: Floats) -> int:
-    """Number of the cell with the smallest quality (m,); of equal cells the first."""
-    return int(np.argmin(quality))
-
-
 def spread_placement(points: Floats, cells: CellTable, quality: Floats, *, count: int, radius: float) -> Placement:
     """Choose cells that are bad and far from each other.
 
@@ -80,7 +75,7 @@ def local_minima(cells: CellTable, quality: Floats, threshold: float) -> Integer
 
 def gap_middle(points: Floats, cells: CellTable, quality: Floats, held: Marks) -> Floats:
     """(1, 1) middle between the two boundary nodes that bracket the worst cell, in 1D: thesis §4.3.1."""
-    place = cells.centres(points, np.array([worst_cell(quality)]))[0, 0]
+    place = cells.centres(points, np.array([np.argmin(quality)]))[0, 0]
     x = np.sort(points[held, 0])
     gap = int(np.clip(np.searchsorted(x, place), 1, len(x) - 1))
     return np.array([[0.5 * (x[gap - 1] + x[gap])]])
