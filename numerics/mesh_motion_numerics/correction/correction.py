@@ -76,15 +76,12 @@ class Correction:
 def correct(problem: CorrectionProblem, method: Method) -> Correction:
     """Correct a predicted motion if it is below the threshold.
 
+    Raises QualityRefused if no valid mesh was found; carries the best minimum quality found and the worst cells.
+
     Parameters
     ----------
     method : Method
         The method, with its enrichment radius set.
-
-    Raises
-    ------
-    QualityRefused
-        If no valid mesh was found; carries the best minimum quality found and the worst cells.
     """
     p = problem
     reference = p.start if p.reference is None else p.reference

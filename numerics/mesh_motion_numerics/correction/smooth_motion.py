@@ -177,6 +177,8 @@ class SmoothMotion:
     ) -> Smoothed:
         """The corrected motion.
 
+        Raises RegionTooSmall if the mesh is a region of another one, and nodes with cells elsewhere would be free.
+
         Parameters
         ----------
         plain : (n, d) array, mesh length unit
@@ -193,11 +195,6 @@ class SmoothMotion:
         -------
         Smoothed
             Not converged if the iterations could not begin because all meshes are tangled, or did not end.
-
-        Raises
-        ------
-        RegionTooSmall
-            If the mesh is a region of another one, and nodes with cells elsewhere would be free.
         """
         region = self.region(plain, distorted)
         if region is None:

@@ -46,11 +46,8 @@ class SmoothSlope:
     def build(cls, motion: SmoothMotion, plain: Floats, points: Floats) -> SmoothSlope:
         """Build the derivative at the ``points`` that the correction of the ``plain`` motion has found.
 
-        Raises
-        ------
-        QualityRefused
-            If they are not the minimum, or nodes that are not free have left the plain motion: the mesh was corrected
-            in another way.
+        Raises QualityRefused if they are not the minimum, or nodes that are not free have left the plain motion: the
+        mesh was corrected in another way.
         """
         region, extent = motion.region(plain), np.ptp(motion.reference, axis=0).max()
         made, left = cls(motion, plain, points, region), np.abs(plain - points).max(axis=1) > SAME * extent
@@ -63,7 +60,7 @@ class SmoothSlope:
             free = region.free.free
             if not np.isfinite(made._distortions).all():
                 raise not_at_minimum()
-            step = made._solved(-made._gradient)
+            step = made._solved(-made._model[0])
             if np.abs(step).max() > _AT_MINIMUM * extent:
                 raise not_at_minimum()
             points = points.copy()  # one more Newton step: the derivative is only as exact as the minimum
@@ -121,10 +118,6 @@ class SmoothSlope:
         region = self._required
         rest = self.plain[region.free.nodes]
         return self.motion.model(self._local, rest, region, self._distortions, exact=True)
-
-    @property
-    def _gradient(self) -> Floats:
-        return self._model[0]
 
     def _solved(self, right: Floats) -> Floats:
         """H⁻¹ times (f, d) in the directions in which nodes can move."""

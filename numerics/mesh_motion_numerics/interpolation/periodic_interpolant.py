@@ -151,7 +151,9 @@ def _factorize(
     none = np.empty(0, dtype=np.int64)
     first = np.arange(len(points)) if single else _separated(images, len(points), SEPARATION * radius, none)
     near = images if single else _near_images(points[first], group, box, radius)
-    shares = None if smoothing is None else _shares(smoothing, near, basis, radius)[: len(first)]
+    shares = None
+    if smoothing is not None:  # all images count as nodes of the wall
+        shares = smoothing.shares(basis, radius, near.places, local_spacing(near.places))[: len(first)]
     levels = [(first, _level(points[first], near, basis, radius, shares))]
     if smoothing is None:
         scale, radii = SEPARATION * radius / LEVEL_RATIO, LEVEL_RADII[points.shape[1]]
@@ -165,11 +167,6 @@ def _factorize(
         near = _near_images(points[members], group, box, reach)
         levels.append((members, _level(points[members], near, BASIS, reach)))
     return PeriodicLevels(points, levels)
-
-
-def _shares(smoothing: Smoothing, images: _Images, basis: Basis, radius: float) -> Floats:
-    """λ (i,) of the images, of which all count as nodes of the wall."""
-    return smoothing.shares(basis, radius, images.places, local_spacing(images.places))
 
 
 def _closest(images: _Images) -> float:

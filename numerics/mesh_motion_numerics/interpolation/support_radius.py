@@ -108,16 +108,13 @@ def with_reach(
 
     Only the default motion and interpolation alone have the multiscale basis. Only the default motion is smoothed.
 
+    Raises InvalidInput if the support reaches around the axis of an :class:`.OpenSector`.
+
     Parameters
     ----------
     points : (n, d) array, mesh length unit
     periodic : PeriodicNodes or None
         Those of a mesh with periodic patches: then the body has images, and Wendland's C2 function.
-
-    Raises
-    ------
-    InvalidInput
-        If the support reaches around the axis of an :class:`.OpenSector`.
     """
     basis, radius, mean_radius = method.basis, method.support_radius, 0.0
     alone = method.correction in ("none", "smooth") and method.reduction == "none"

@@ -184,15 +184,11 @@ class MovingWall:
         body[self.simplices.ravel()] = np.repeat(self.bodies, d)
         row, column = np.nonzero((distance < radius[:, None]) & (body[near] == body[:, None]) & (distance > 0.0))
         other = near[row, column]
-        extent = np.bincount(self.simplices.ravel(), np.repeat(self._extents, d), count) / self._own.sum(axis=1)
+        sizes = np.abs(np.linalg.det(facet_frames(self.reference[self.simplices])))  # of triangles twice the area
+        extent = np.bincount(self.simplices.ravel(), np.repeat(sizes, d), count) / self._own.sum(axis=1)
         weights = (1.0 - (distance[row, column] / radius[row]) ** 2) ** 2 * extent[other] / extent[row]
         means = csr_array((weights, (row, other)), shape=(count, count)) + eye_array(count, format="csr")
         return csr_array(means @ self._own)
-
-    @property
-    def _extents(self) -> Floats:
-        """(s,) twice the area of triangles, the length of segments."""
-        return np.asarray(np.abs(np.linalg.det(facet_frames(self.reference[self.simplices]))))
 
 
 def _summed(weights: csr_array, values: Floats) -> Floats:

@@ -40,10 +40,8 @@ class OpenSector:
     def of(cls, points: Floats, generators: Sequence[Transform]) -> OpenSector | None:
         """The sector of a mesh at ``points`` (n, d); None if no angle is open.
 
-        Raises
-        ------
-        InvalidInput
-            If a support cannot repeat: the mesh reaches the axis or spans half a turn, or other periods rotate too.
+        Raises InvalidInput if a support cannot repeat: the mesh reaches the axis or spans half a turn, or other periods
+        rotate too.
         """
         turn = next((one for one in generators if one.turns and not one.sectors), None)
         if turn is None:

@@ -76,6 +76,9 @@ def periodic_pairs(
 ) -> tuple[PeriodicPair, ...]:
     """Pair the periodic patches.
 
+    Raises InvalidInput if a patch has no partner (names the first node without an image, and how far the nearest node
+    is from it), or if the mesh spans more than half a turn between two patches.
+
     Parameters
     ----------
     points : (n, d) array, mesh length unit
@@ -83,12 +86,6 @@ def periodic_pairs(
         The facets of the whole boundary, with outward normals, by type.
     patches : dict of (p,) int64 arrays
         Nodes of each patch with role periodic, by name.
-
-    Raises
-    ------
-    InvalidInput
-        If a patch has no partner; names the first node without an image, and how far the nearest node is from it.
-        If the mesh spans more than half a turn between two patches.
     """
     sides = [_side(points, facets, name, np.sort(patches[name])) for name in sorted(patches)]
     _refuse_same(sides)

@@ -85,15 +85,12 @@ def generated_group(
 
     Elements are found only through wanted elements: ``wanted`` says whether the images of a bounded set come near.
 
+    Raises InvalidInput if there are more than 20 000.
+
     Parameters
     ----------
     scale : float, mesh length unit
         Scale of the shifts, to distinguish elements.
-
-    Raises
-    ------
-    InvalidInput
-        If there are more than 20 000.
     """
     steps = [step for generator in generators for step in (generator, generator.inverse())]
     found = [Transform.identity(dimension)]

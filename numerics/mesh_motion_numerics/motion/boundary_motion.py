@@ -79,11 +79,8 @@ class BoundaryMotion:
         ``facets`` (f, k): all facets of the boundary, by type; not needed if all patches are moving or fixed, and no
         layer is carried. ``near``: the cells at nodes within some distance of the moving walls.
 
-        Raises
-        ------
-        InvalidInput
-            If a patch is unusable or has a role for which the correction needs the volume, if no node is fixed, or if
-            the method does not fit the mesh.
+        Raises InvalidInput if a patch is unusable or has a role for which the correction needs the volume, if no node
+        is fixed, or if the method does not fit the mesh.
         """
         check_patches(len(points), patches)
         for name, patch in patches.items():
@@ -122,10 +119,7 @@ class BoundaryMotion:
     def summary(self, points: Floats) -> Judgement:
         """Refuse to judge.
 
-        Raises
-        ------
-        SessionError
-            Always: the cells are in other processes.
+        Raises SessionError always: the cells are in other processes.
         """
         del points
         raise SessionError("the trial is not judged, or it was refused", hint="send JUDGE from every partition first")
@@ -151,10 +145,7 @@ class BoundaryMotion:
     def plain_slope(self, points: Floats, factors: FactorSource) -> PlainSlope:
         """The derivative of the motion of these nodes that has led to ``points`` (n, d), without a correction.
 
-        Raises
-        ------
-        QualityRefused
-            If there is no derivative at these points.
+        Raises QualityRefused if there is no derivative at these points.
         """
         motion = self.motion
         plain = motion.trial(motion.reference, points[motion.roles.moving], factors, Stopwatch()).points
@@ -175,7 +166,7 @@ class BoundaryMotion:
         self._refuse_winding(committed, targets)
         watch, recorded = Stopwatch(), Recorded(MakeEachTime() if factors is None else factors)
         trial = self.motion.trial(committed, targets, recorded, watch)
-        unknown = LowestQuality(self.method.quality_metric, Minimum(float("nan")), 0, 0, ())
+        unknown = LowestQuality(Minimum(float("nan")), 0, 0, ())
         return Motion(
             points=trial.points,
             standard=unknown,
@@ -242,6 +233,8 @@ class BoundaryMotion:
     ) -> Correction:
         """The smooth correction of a region, bitwise that of a mesh of ``n_nodes`` that begins with interpolation.
 
+        Raises RegionTooSmall if a larger region is needed. Raises QualityRefused if no valid mesh was found.
+
         Parameters
         ----------
         points, positions, cells, held, elsewhere
@@ -251,13 +244,6 @@ class BoundaryMotion:
         ways : iterable of callable
             Fraction → positions (n, d) by interpolation, from the reference mesh to the ``positions``: tried in turn if
             no valid mesh is found in one step.
-
-        Raises
-        ------
-        RegionTooSmall
-            If a larger region is needed.
-        QualityRefused
-            If no valid mesh was found.
         """
         check_time()
         smooth = self.smooth(points, cells, held, elsewhere, n_nodes, rows)
@@ -284,18 +270,13 @@ class BoundaryMotion:
     ) -> Correction:
         """The correction of a region of the mesh up to the threshold, bitwise that of the whole mesh.
 
+        Raises RegionTooSmall if a larger region is needed. Raises QualityRefused if no valid mesh was found.
+
         Parameters
         ----------
         points, positions : (n, d) arrays, mesh length unit
             Positions in the reference mesh, and after the interpolation.
         held : (n,) bool array
-
-        Raises
-        ------
-        RegionTooSmall
-            If a larger region is needed.
-        QualityRefused
-            If no valid mesh was found.
         """
         check_time()
         read = checked_cells(points, cells)

@@ -66,10 +66,8 @@ class PreparedMesh:
     ) -> Self:
         """Check the mesh, unless it is ``checked`` already, and prepare what every motion needs.
 
-        Raises
-        ------
-        InvalidInput
-            If the mesh or a patch is unusable (see :func:`checked_mesh`), or the method does not fit the mesh.
+        Raises InvalidInput if the mesh or a patch is unusable (see :func:`checked_mesh`), or the method does not fit
+        the mesh.
         """
         cells, sizes, warnings, resting, coincident, loose = checked or checked_mesh(points, cells, patches)
         if len(resting):

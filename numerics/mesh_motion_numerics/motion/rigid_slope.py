@@ -51,10 +51,7 @@ class RigidSlope:
 def rigid_slope(motion: StandardMotion, controls: Integers, goal: Floats, places: Floats) -> RigidSlope | None:
     """The derivative for control nodes (c,) from the reference mesh to ``goal`` (n, d); None without a rigid part.
 
-    Raises
-    ------
-    QualityRefused
-        At rest, if the direction of the motion decides whether the mesh is carried along.
+    Raises QualityRefused at rest, if the direction of the motion decides whether the mesh is carried along.
     """
     origin, there = motion.reference[controls], goal[controls]
     at_rest = np.array_equal(origin, there)
@@ -102,10 +99,7 @@ def _about_axis(fitted: RigidMotion, arms: Floats, goals: Floats) -> Floats:
 def _carried_at_rest(sliding: SlidingSurfaces, along: Floats, turn: Floats, centre: Floats) -> bool:
     """Whether the walls admit every small rigid motion, or none that moves the mesh.
 
-    Raises
-    ------
-    QualityRefused
-        If they admit only some of them.
+    Raises QualityRefused if they admit only some of them.
     """
     d, places = len(along), sliding.reference
     spins = _range(turn.reshape(d * d, d * d)).reshape(-1, d, d)

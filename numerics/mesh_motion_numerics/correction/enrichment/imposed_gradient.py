@@ -67,16 +67,13 @@ class EnrichedInterpolant:
 def bracketing_slopes(boundary: Floats, displacement: Floats, enrichment_points: Floats) -> Floats:
     """J of each enrichment point, thesis (4.1): ``(D_a − D_b) / (x_a − x_b)`` over the boundary nodes that bracket it.
 
+    Raises InvalidInput if an enrichment point does not lie between two boundary nodes.
+
     Parameters
     ----------
     boundary, displacement : (nb,) arrays, mesh length unit
         All boundary nodes with a prescribed displacement, fixed nodes included; any order.
     enrichment_points : (nc,) array, mesh length unit
-
-    Raises
-    ------
-    InvalidInput
-        If an enrichment point does not lie between two boundary nodes.
     """
     order = np.argsort(boundary, kind="stable")
     x, d = boundary[order], displacement[order]
@@ -102,6 +99,9 @@ def solve_imposed_gradient(
 ) -> EnrichedInterpolant:
     """Solve thesis (4.9).
 
+    Raises InvalidInput on an unusable basis, function or radius, or a point that does not lie between two boundary
+    nodes. Raises QualityRefused if the system is singular: two enrichment points coincide, or one has no influence.
+
     Parameters
     ----------
     boundary, displacement : (nb,) arrays, mesh length unit
@@ -110,13 +110,6 @@ def solve_imposed_gradient(
         Distinct.
     slopes_at_points : (nc,) array, optional
         J; by default :func:`bracketing_slopes`.
-
-    Raises
-    ------
-    InvalidInput
-        On an unusable basis, function or radius, or a point that does not lie between two boundary nodes.
-    QualityRefused
-        If the system is singular: two enrichment points coincide, or one has no influence.
     """
     if slopes_at_points is None:
         slopes_at_points = bracketing_slopes(boundary, displacement, enrichment_points)
@@ -141,6 +134,8 @@ def enriched_displacement(
 ) -> Floats:
     """The corrected displacement of every node.
 
+    Raises InvalidInput or QualityRefused as :func:`solve_imposed_gradient`.
+
     Parameters
     ----------
     nodes : (n, 1) array, mesh length unit
@@ -150,11 +145,6 @@ def enriched_displacement(
     Returns
     -------
     (n, 1) array
-
-    Raises
-    ------
-    InvalidInput, QualityRefused
-        As :func:`solve_imposed_gradient`.
     """
     interpolant = solve_imposed_gradient(boundary[:, 0], displacement[:, 0], enrichment_points[:, 0], settings)
     return interpolant.displacement(nodes[:, 0])[:, None]

@@ -206,10 +206,7 @@ class CompactSystem:
     def exactly(self, right: Floats) -> Floats:
         """The weights (m, k) that give the values ``right`` (m, k) at the members to rounding, as a transpose requires.
 
-        Raises
-        ------
-        QualityRefused
-            The same as for :meth:`solve`.
+        Raises QualityRefused, as :meth:`solve` does.
         """
         if self._factor is not None:
             return self._factor.solve(right)
@@ -227,6 +224,8 @@ class CompactSystem:
     def solve(self, residual: Floats, scale: float, *, last: bool = True) -> Interpolant:
         """Return the interpolant at the members of a residual (n, k) of all control points.
 
+        Raises QualityRefused if the residual stays above 1e-9 of the scale, or for a level before the last above 1e-6.
+
         Parameters
         ----------
         residual : (n, k) array
@@ -234,11 +233,6 @@ class CompactSystem:
             Largest value that all levels together interpolate; the solution's error is relative to it.
         last : bool
             Whether this is the last level, so that no other one interpolates the residual.
-
-        Raises
-        ------
-        QualityRefused
-            If the residual stays above 1e-9 of the scale, or for a level before the last above 1e-6.
         """
         own = residual.take(self.level.members, axis=0)
         if self.level.direct:
@@ -254,10 +248,7 @@ class CompactSystem:
 
         All columns advance together until the residual is below the ``tolerance``, in units of the ``scale``.
 
-        Raises
-        ------
-        QualityRefused
-            The same as for :meth:`solve`.
+        Raises QualityRefused, as :meth:`solve` does.
         """
         if scale == 0.0:
             return np.zeros_like(right)

@@ -91,25 +91,15 @@ class TwoScalePlan:
     smoothing: Smoothing | None = None  # Of the coarse interpolation
 
     @property
-    def least_radius(self) -> float:
-        """Smallest radius at which a compact basis connects the coarse points to one field, mesh length unit."""
-        return _GAPS * self.gap
-
-    @property
     def joined(self) -> bool:
         """Whether the support radius connects the coarse points."""
         radius = self.support_radius
-        return radius is None or radius >= self.least_radius or not basis_named(self.basis).compact
-
-    @property
-    def single(self) -> bool:
-        """Whether the coarse interpolation has all control points."""
-        return not self.gridded and len(self.coarse) == len(self.place)
+        return radius is None or radius >= _GAPS * self.gap or not basis_named(self.basis).compact
 
     @property
     def usable(self) -> bool:
         """Whether the plan is better than one scale with all control points."""
-        return self.joined if self.gridded else bool(self.levels) or not self.single
+        return self.joined if self.gridded else bool(self.levels) or len(self.coarse) < len(self.place)
 
     @cached_property
     def distinct(self) -> Integers:
@@ -171,10 +161,7 @@ class TwoScalePlan:
     def factorize(self, points: Floats, low: Floats, high: Floats) -> TwoScaleFactorization:
         """Prepare the interpolation from control points (n, d) to places between ``low`` and ``high`` (d,).
 
-        Raises
-        ------
-        QualityRefused
-            If the coarse matrix is singular to working precision.
+        Raises QualityRefused if the coarse matrix is singular to working precision.
         """
         chosen = np.ascontiguousarray(points[self.coarse])
         spacing = local_spacing(chosen)
