@@ -150,7 +150,7 @@ def group_names(groups: Iterable[tuple[int, int]], names: Mapping[tuple[int, int
 
 
 def named_groups(found: Mapping[tuple[int, int | str], Integers]) -> dict[str, list[tuple[int, Integers]]]:
-    """The nodes (p,) of groups by dimension and number or name, in the form for :func:`by_name`."""
+    """Nodes (p,) by a group's dimension, and its number or name → the same by name, as :func:`by_name` takes them."""
     names = group_names([(of, group) for of, group in found if not isinstance(group, str)], {})
     named: dict[str, list[tuple[int, Integers]]] = defaultdict(list)
     for (dimension, group), nodes in found.items():
@@ -178,7 +178,7 @@ def chosen_zone(path: Path, names: Sequence[str], zone: str) -> str:
 
 
 def _drop_coordinates(points: Floats, dimension: int, path: Path) -> Floats:
-    """(n, dimension) the coordinates in use; those beyond the cells' dimension must be constant, but for rounding."""
+    """(n, dimension) the coordinates in use; those beyond the cells' dimension may differ by rounding only."""
     if points.ndim != 2 or points.shape[1] < dimension:
         raise InvalidInput(f"{path}: {dimension}D cells, but points of shape {points.shape}")
     _check_points(points, path)

@@ -36,7 +36,7 @@ _TABLE = (
     ("journal.create.renamed", "a new manifest has its name, the folder is not synced", _FILE),
     ("journal.open.read", "an existing journal is judged, nothing is repaired", _FILE),
     ("journal.settle.record", "the last record is written again and synced, slots are not cleaned", _FILE),
-    ("journal.settle.done", "what a crash left is repaired, but for the provisional manifest", _FILE),
+    ("journal.settle.done", "what a crash left is repaired, except the provisional manifest", _FILE),
     ("journal.commit.start", "a commit is about to be written", _FILE),
     ("journal.commit.ahead", "the coordinates are written and not synced, their record is not known", _FILE),
     ("journal.commit.slot-unsynced", "the slot is written and not synced", _FILE),

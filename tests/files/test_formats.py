@@ -1220,7 +1220,7 @@ def test_points_and_thick_shells_of_exodus(tmp_path: Path) -> None:
 def test_cgns_without_bases_is_none(tmp_path: Path) -> None:
     with pytest.importorskip("h5py").File(tmp_path / "m.cgns", "w") as file:
         file["Base/Zone1/GridCoordinates/CoordinateX/ data"] = POINTS[:, 0]
-    one_line(tmp_path / "m.cgns", r"no base \(CGNSBase_t\): not a CGNS file \(meshio's .cgns is none")
+    one_line(tmp_path / "m.cgns", r"no base \(CGNSBase_t\): not a CGNS file \(meshio's .cgns has none")
 
 
 @pytest.mark.parametrize(

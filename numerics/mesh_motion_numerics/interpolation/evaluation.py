@@ -39,7 +39,7 @@ class NearOperator:
 
     @classmethod
     def build(cls, level: Interpolant, points: Floats, *, skipped: Integers | None = None) -> NearOperator:
-        """The operator of a compact level, whatever its weights, at points (n, d) but for the rows ``skipped`` (u,)."""
+        """The operator of a compact level, whatever its weights, at points (n, d) except the rows ``skipped`` (u,)."""
         rows, near = rows_near(level.layout, level.support_radius, points, skipped=skipped)
         return cls(rows, sparse_rows(level.layout, level.basis, level.support_radius, near))
 

@@ -20,7 +20,7 @@ from mesh_motion_numerics.arrays import Floats
 from mesh_motion_numerics.mesh.revolution import across
 from mesh_motion_numerics.mesh.rigid_transforms import Transform
 
-_SAME = 1e-6  # a radius below this share of the mesh is none
+_SAME = 1e-6  # a radius below this share of the mesh counts as 0
 #: Share of the largest radius that is suggested: rounded to two digits, it is below the largest.
 _SUGGESTED = 0.95
 
