@@ -43,7 +43,7 @@ from mesh_motion_numerics.correction.enrichment.space import EnrichmentSpace
 from mesh_motion_numerics.correction.equal_stretch import equal_stretch
 from mesh_motion_numerics.correction.free_region import cells_of_nodes
 from mesh_motion_numerics.correction.part_of_mesh import Elsewhere
-from mesh_motion_numerics.correction.trial_nodes import Polished, Stage, TrialMesh, polish, reach, signed
+from mesh_motion_numerics.correction.trial_nodes import Polished, TrialMesh, polish, reach, signed
 from mesh_motion_numerics.interpolation.kernels import basis_named, checked_radius
 from mesh_motion_numerics.method import Method
 from mesh_motion_numerics.quality.metrics import CellQuality
@@ -63,7 +63,6 @@ class Correction:
     enrichment_points: Floats  # (K, d), mesh length unit
     freed_nodes: int = 0  # Number of trial nodes that moved individually
     iterations: int = 0
-    history: tuple[Stage, ...] = ()  # The stages of the minimisation, if nodes were freed
     method: str = "none"  # "none" if the standard motion was not changed, otherwise the correction
     #: Smallest quality of all cells; negative where a cell is inverted (only with correction "none").
     minimum: float = float("nan")
@@ -142,7 +141,7 @@ def _optimised(problem: CorrectionProblem, method: Method, mesh: TrialMesh, qual
         found = max(found, alone, key=lambda one: one.minimum)
     if found is None:
         return Correction(problem.begin, problem.begin[:0])
-    return Correction(found.points, found.points[:0], found.freed, found.iterations, found.history)
+    return Correction(found.points, found.points[:0], found.freed, found.iterations)
 
 
 def _with_trial_nodes(problem: CorrectionProblem, method: Method, mesh: TrialMesh, quality: Floats) -> Polished | None:

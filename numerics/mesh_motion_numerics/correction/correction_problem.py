@@ -37,13 +37,7 @@ class CorrectionProblem:
     #: from it instead of untangling ``standard``, and the other corrections do not change it.
     valid: Floats | None = None
     known: float | None = None  # Smallest quality of ``standard``, if it was already judged and no cell is inverted
-    last: Floats | None = None  # (n, d), mesh length unit. Positions at the end of the last step; ``start`` by default
     elsewhere: Elsewhere | None = None  # The rest of the mesh, if this is a region of it; for target "threshold" only
-
-    @property
-    def committed(self) -> Floats:
-        """Positions (n, d) at the end of the last step."""
-        return self.start if self.last is None else self.last
 
     @property
     def begin(self) -> Floats:

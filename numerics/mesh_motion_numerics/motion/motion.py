@@ -336,7 +336,6 @@ class MotionModel(DifferentiableMesh):
             reference=self.points,
             constraint=self.constraint_with(layer),
             valid=step.valid,
-            last=step.committed,
             known=None if quality.inverted else quality.metric.min,
         )
         with watch.phase("correct"):
