@@ -28,12 +28,7 @@ from mesh_motion_protocol.errors import QualityRefused
 
 from mesh_motion_numerics.arrays import Floats
 from mesh_motion_numerics.blas import one_blas_thread
-from mesh_motion_numerics.correction.correction_problem import (
-    SMALL_MESH,
-    CorrectionProblem,
-    goal,
-    target_quality,
-)
+from mesh_motion_numerics.correction.correction_problem import SMALL_MESH, CorrectionProblem, goal, target_quality
 from mesh_motion_numerics.correction.enrichment.coefficients import optimised_enrichment, optimised_placement
 from mesh_motion_numerics.correction.enrichment.explicit_iterations import ExplicitSettings, explicit_iterations
 from mesh_motion_numerics.correction.enrichment.imposed_gradient import ImposedGradient, enriched_displacement

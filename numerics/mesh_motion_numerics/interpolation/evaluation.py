@@ -55,9 +55,7 @@ class NearOperator:
 
 
 def displacement(
-    field: AnyInterpolant | NestedSpline,
-    points: Floats,
-    prepared: Sequence[NearOperator] | None = None,
+    field: AnyInterpolant | NestedSpline, points: Floats, prepared: Sequence[NearOperator] | None = None
 ) -> Floats:
     """(n, k) values of an interpolant, or of a spline, at (n, d) points, thesis (2.5).
 
@@ -115,6 +113,5 @@ def _check_dimension(field: Interpolant | NestedSpline, points: Floats) -> None:
     dimension = field.dimension if isinstance(field, NestedSpline) else field.control_points.shape[1]
     if points.ndim != 2 or points.shape[1] != dimension:
         raise InvalidInput(
-            f"expected points of shape (n, {dimension}), got {points.shape}",
-            code="INVALID_ARGUMENT.SHAPE",
+            f"expected points of shape (n, {dimension}), got {points.shape}", code="INVALID_ARGUMENT.SHAPE"
         )

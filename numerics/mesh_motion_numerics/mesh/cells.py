@@ -186,9 +186,7 @@ class CellTable:
         )
         if not blocks:
             raise InvalidInput(
-                "the mesh has no cells",
-                code="INVALID_ARGUMENT.MESH",
-                hint="send at least one cell of a known type",
+                "the mesh has no cells", code="INVALID_ARGUMENT.MESH", hint="send at least one cell of a known type"
             )
         if len({block.type.dimension for block in blocks}) > 1:
             names = ", ".join(f"{b.type.name} ({b.type.dimension}D)" for b in blocks)

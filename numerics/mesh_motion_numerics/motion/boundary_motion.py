@@ -20,12 +20,7 @@ from mesh_motion_numerics.correction.correction import Correction, correct
 from mesh_motion_numerics.correction.correction_problem import CorrectionProblem
 from mesh_motion_numerics.correction.part_of_mesh import Elsewhere
 from mesh_motion_numerics.correction.smooth_motion import Law, SmoothMotion
-from mesh_motion_numerics.interpolation.factor_source import (
-    DeferredFactorization,
-    FactorSource,
-    MakeEachTime,
-    Recorded,
-)
+from mesh_motion_numerics.interpolation.factor_source import DeferredFactorization, FactorSource, MakeEachTime, Recorded
 from mesh_motion_numerics.interpolation.interpolation_map import FieldMap
 from mesh_motion_numerics.mesh.boundary_layer_wall import MovingWall
 from mesh_motion_numerics.mesh.cells import CellTable
@@ -251,13 +246,7 @@ class BoundaryMotion:
             return smooth_step(smooth, points, lambda: points, positions, lambda: ways).correction()
 
     def smooth(
-        self,
-        points: Floats,
-        cells: CellTable,
-        held: Marks,
-        elsewhere: Elsewhere,
-        n_nodes: int,
-        rows: Integers,
+        self, points: Floats, cells: CellTable, held: Marks, elsewhere: Elsewhere, n_nodes: int, rows: Integers
     ) -> SmoothMotion:
         """Return the correction of a region for :meth:`smoothed`."""
         read = checked_cells(points, cells)

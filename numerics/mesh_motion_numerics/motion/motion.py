@@ -25,12 +25,7 @@ from mesh_motion_numerics.correction.correction_problem import CorrectionProblem
 from mesh_motion_numerics.correction.smooth_motion import SmoothMotion
 from mesh_motion_numerics.correction.trial_nodes import TrialMesh
 from mesh_motion_numerics.interpolation.factor_source import FactorSource, MakeEachTime, Recorded
-from mesh_motion_numerics.motion.acceptance import (
-    largest_accepted,
-    other_unit,
-    refuse_unacceptable,
-    way_out,
-)
+from mesh_motion_numerics.motion.acceptance import largest_accepted, other_unit, refuse_unacceptable, way_out
 from mesh_motion_numerics.motion.body_paths import Way, ways
 from mesh_motion_numerics.motion.boundary_layer import BoundaryLayer, held_with
 from mesh_motion_numerics.motion.crossing import NoMeshExists
@@ -375,11 +370,7 @@ class MotionModel(DifferentiableMesh):
         """
         start = step.committed if self.method.displacement == "relative" else self.points
         self.boundary.refuse(start, step.targets, refusal)
-        alike = self.with_method(
-            displacement="relative",
-            correction_target="threshold",
-            refuse_below_threshold=False,
-        )
+        alike = self.with_method(displacement="relative", correction_target="threshold", refuse_below_threshold=False)
 
         def move(points: Floats, waypoint: Floats) -> Leg:
             self.boundary.refuse(points, waypoint)

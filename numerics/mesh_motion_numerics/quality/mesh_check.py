@@ -20,12 +20,7 @@ from mesh_motion_numerics.mesh.boundary_facets import boundary_nodes
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.mesh.coincidence import coincident_nodes
 from mesh_motion_numerics.mesh.hanging_nodes import refuse_hanging_nodes, refuse_split_facets
-from mesh_motion_numerics.mesh.patch_check import (
-    check_patches,
-    nodes_behind_fixed,
-    nodes_in_no_patch,
-    patch_warnings,
-)
+from mesh_motion_numerics.mesh.patch_check import check_patches, nodes_behind_fixed, nodes_in_no_patch, patch_warnings
 from mesh_motion_numerics.mesh.points import bounding_box, marks_at
 from mesh_motion_numerics.mesh.roles import Patch
 from mesh_motion_numerics.quality.metrics import cell_quality, reference_sizes

@@ -18,14 +18,7 @@ from mesh_motion_protocol.errors import InvalidInput, QualityRefused
 from mesh_motion_numerics.arrays import Floats
 from mesh_motion_numerics.blas import one_blas_thread
 from mesh_motion_numerics.correction.enrichment import functions
-from mesh_motion_numerics.interpolation.kernels import (
-    DEFAULT_BASIS,
-    Basis,
-    basis_named,
-    checked_radius,
-    slopes,
-    values,
-)
+from mesh_motion_numerics.interpolation.kernels import DEFAULT_BASIS, Basis, basis_named, checked_radius, slopes, values
 
 
 @dataclass(frozen=True)

@@ -30,11 +30,7 @@ from scipy.spatial import cKDTree
 
 from mesh_motion_numerics.arrays import Floats, Integers, Marks
 from mesh_motion_numerics.interpolation import evaluation
-from mesh_motion_numerics.interpolation.interpolant import (
-    AllCentreFactorization,
-    Interpolant,
-    factorize,
-)
+from mesh_motion_numerics.interpolation.interpolant import AllCentreFactorization, Interpolant, factorize
 from mesh_motion_numerics.interpolation.kernels import basis_named
 from mesh_motion_numerics.interpolation.two_scale.boxes import nested_boxes
 from mesh_motion_numerics.interpolation.two_scale.coarse_points import coarse_points, separated_points
