@@ -82,7 +82,7 @@ def assemble(path: Path, points: Floats, cells: Mapping[str, Integers], patches:
 def assemble_elements(
     path: Path, points: Floats, elements: Sequence[tuple[str, Integers]], patches: Mapping[str, Integers]
 ) -> MeshFile:
-    """Like :func:`assemble`, from blocks of elements: our type, and nodes (m, k), the corners first; "" is no cell."""
+    """Do the same as :func:`assemble` with elements of types ("" for no cells), and nodes (m, k), corners first."""
     cells: dict[str, list[Integers]] = defaultdict(list)
     for name, nodes in elements:
         if name:

@@ -9,13 +9,13 @@ from types import MappingProxyType
 _LATE = "sleep:0.4"
 #: Around a file: the process ends, is slow, or the operation fails.
 _FILE = ("kill", "raise:EIO", "raise:ENOSPC", _LATE)
-#: Where a session computes: an allocation may fail, and a defect may raise an unexpected error.
+#: While a session computes: an allocation may fail, and a defect may raise an unexpected error.
 _COMPUTING = ("kill", "raise:MemoryError", "raise:RuntimeError", _LATE)
-#: Where a process only passes data on.
+#: While a process only passes data on.
 _PASSING = ("kill", "raise:RuntimeError", _LATE)
-#: Where nothing can fail; and in the supervisor, whose own errors would end the server.
+#: In code in which nothing can fail, and in the supervisor, whose own errors would end the server.
 _CERTAIN = ("kill", _LATE)
-#: Where the supervisor asks the kernel for a process, or reads the store.
+#: While the supervisor asks the kernel for a process, or reads the store.
 _STARTING = ("kill", "raise:EAGAIN", "raise:ENOMEM", _LATE)
 _READING = ("kill", "raise:EIO", "raise:EMFILE", _LATE)
 

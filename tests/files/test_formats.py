@@ -1246,8 +1246,8 @@ def test_cgns_without_bases_is_none(tmp_path: Path) -> None:
 def test_surfaces_of_shells_in_abaqus(tmp_path: Path, solid: str, side: str, expected: dict[str, list[int]]) -> None:
     """Edges E1, E2, … and faces SPOS, SNEG, as Abaqus' manual names them.
 
-    CalculiX counts: S1 and S2 are the faces of shells, their edges begin with S3; of plane elements with S1 (its
-    ``surfaces.f``).
+    CalculiX counts: S1 and S2 are the faces of a shell, and its edges begin with S3; the edges of a plane element
+    begin with S1 (``surfaces.f``).
     """
     apex = "5, 0.4, 0.4, 1\n" if "C3D5" in solid else ""
     (tmp_path / "m.inp").write_text(

@@ -235,7 +235,7 @@ class TwoScaleFactorization:
     systems: list[CompactSystem]  # Widest first; the last has all distinct control points
 
     def solve(self, values: Floats) -> TwoScaleInterpolant:
-        """Return the interpolant of (n, k) values at the control points; the mean of values at the same place."""
+        """Return the interpolant of (n, k) values at the control points; at the same place their mean counts."""
         values = self.averaged(np.ascontiguousarray(values, dtype=np.float64))
         distinct, points = self.plan.distinct, self.control_points
         field = self.coarse.solve(values[self.plan.coarse])
