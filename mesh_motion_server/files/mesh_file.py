@@ -232,5 +232,5 @@ def _check_range(nodes: Integers, n_points: int, what: str, path: Path) -> None:
         where = np.argwhere(wrong)[0]
         raise InvalidInput(
             f"{path}: {what}: row {int(where[0])} names node {int(nodes[tuple(where)])}, "
-            f"but the mesh has the nodes 0 to {n_points - 1}",
+            f"but the mesh has the nodes 0 to {n_points - 1}"
         )

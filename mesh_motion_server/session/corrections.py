@@ -96,12 +96,7 @@ def _resisting(n_nodes: int | None) -> Extent:
 
 
 def correct(
-    mesh: MergedMesh,
-    model: Model,
-    points: Floats,
-    field: Field,
-    regions: Sequence[Region],
-    factors: FactorSource,
+    mesh: MergedMesh, model: Model, points: Floats, field: Field, regions: Sequence[Region], factors: FactorSource
 ) -> CorrectOutcome:
     """Correct the region that the ranks send.
 

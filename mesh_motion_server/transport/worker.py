@@ -89,12 +89,7 @@ class Worker:
     """
 
     def __init__(
-        self,
-        channel: Channel,
-        socket: zmq.Socket[bytes],
-        host: SessionHost,
-        settings: ServerSettings,
-        rights: Rights,
+        self, channel: Channel, socket: zmq.Socket[bytes], host: SessionHost, settings: ServerSettings, rights: Rights
     ) -> None:
         self._channel = channel
         self._socket = socket
