@@ -42,6 +42,7 @@ from mesh_motion_numerics.correction.trial_nodes import Polished, TrialMesh, pol
 from mesh_motion_numerics.interpolation.kernels import basis_named, checked_radius
 from mesh_motion_numerics.method import Method
 from mesh_motion_numerics.quality.metrics import CellQuality
+from mesh_motion_numerics.quality.quality_summary import smallest
 
 _WORST = 10  # number of cells that a refusal names
 #: A large mesh is raised to this multiple of the threshold if that is cheap: it leaves a margin for the next step.
@@ -110,7 +111,7 @@ def _judged(found: Correction, method: Method, minimum: float, quality: CellQual
 
 def _refusal(quality: Floats, method: Method) -> QualityRefused:
     """The error for a mesh that stays invalid, with its quality (m,)."""
-    worst = np.argsort(quality, kind="stable")[:_WORST]
+    worst = smallest(quality, _WORST)
     inverted = int(np.count_nonzero(~(quality > 0.0)))
     return QualityRefused(
         f"no valid mesh found: {inverted} inverted cells, best minimum {method.quality_metric} "
