@@ -2,6 +2,7 @@
 
 import mesh_motion_kernels as kernels
 import numpy as np
+from numpy.typing import NDArray
 
 from mesh_motion_numerics.arrays import Floats, Integers, Marks
 
@@ -34,7 +35,7 @@ def rows_among(count: int, nodes: Integers) -> Integers:
     return rows
 
 
-def marks_at(count: int, *nodes: Integers) -> Marks:
+def marks_at(count: int, *nodes: NDArray[np.integer]) -> Marks:
     """(count,) True at all of these nodes."""
     marks = np.zeros(count, dtype=bool)
     for some in nodes:
