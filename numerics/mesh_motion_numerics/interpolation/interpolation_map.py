@@ -153,8 +153,8 @@ class _AllCentres:
         """(c, k) Φᵀ w: φ is symmetric, so the places are the centres of a sum at the centres (c, d)."""
         made = self.factorization
         turned = Interpolant(self.places, weights, made.basis, made.support_radius, self._layout)
-        periodic = isinstance(made, PeriodicFactorization)
-        return evaluation.displacement(turned, made.images.places if periodic else made.control_points)
+        centres = made.images.places if isinstance(made, PeriodicFactorization) else made.control_points
+        return evaluation.displacement(turned, centres)
 
     @cached_property
     def _layout(self) -> CentreLayout:
