@@ -41,7 +41,7 @@ class ContactAhead:
         facets[:, 1:] = facets[:, :0:-1].copy()  # outwards → inwards
         edges = points[facets[:, 1:]] - points[facets[:, :1]]
         normals = np.cross(edges[:, 0], edges[:, 1]) if len(facets[0]) == 3 else edges[:, 0, ::-1] * [-1.0, 1.0]
-        axes, moving = np.abs(normals).argmax(axis=1), boundary.moving[facets].any(axis=1)
+        axes, moving = np.abs(normals).argmax(axis=1), np.asarray(boundary.moving[facets].any(axis=1))
         back = np.take_along_axis(normals, axes[:, None], axis=1)[:, 0] < 0.0
         kinds = 6 * moving + 2 * axes + back
         order = np.lexsort((morton_codes(points[facets].mean(axis=1)), kinds))
