@@ -39,7 +39,7 @@ class Transform:
             c, s = math.cos(angle), math.sin(angle)
             rotation = np.array([[c, -s], [s, c]])
         else:
-            cross = np.array([[0.0, -axis[2], axis[1]], [axis[2], 0.0, -axis[0]], [-axis[1], axis[0], 0.0]])
+            cross = cross_matrix(axis)
             rotation = np.eye(3) + math.sin(angle) * cross + (1.0 - math.cos(angle)) * cross @ cross  # Rodrigues
         return cls(rotation, centre - rotation @ centre)
 
@@ -76,6 +76,11 @@ class Transform:
     def inverse(self) -> Transform:
         """The inverse transform."""
         return Transform(self.rotation.T, -(self.rotation.T @ self.shift) if self.turns else -self.shift)
+
+
+def cross_matrix(a: Floats) -> Floats:
+    """(3, 3) matrix of the cross product a × …."""
+    return np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])
 
 
 def generated_group(

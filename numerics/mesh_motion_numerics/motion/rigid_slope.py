@@ -12,6 +12,7 @@ from mesh_motion_protocol.errors import QualityRefused
 from mesh_motion_numerics.arrays import Floats, Integers
 from mesh_motion_numerics.decomposition import nearest_rotation_slope
 from mesh_motion_numerics.mesh.paths import RigidMotion
+from mesh_motion_numerics.mesh.rigid_transforms import cross_matrix
 from mesh_motion_numerics.mesh.sliding import ACROSS, SlidingSurfaces
 from mesh_motion_numerics.motion.standard_motion import StandardMotion
 
@@ -87,8 +88,8 @@ def _carries(motion: StandardMotion, origin: Floats, there: Floats, *, at_rest: 
 
 def _about_axis(fitted: RigidMotion, arms: Floats, goals: Floats) -> Floats:
     """(d, d, d, d) derivative of the rotation about an axis, whose angle is atan2(Σ a · (x × y), Σ x · y)."""
-    d, (x, y, z) = arms.shape[1], fitted.axis
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])[:d, :d]
+    d = arms.shape[1]
+    cross = cross_matrix(fitted.axis)[:d, :d]
     across = np.eye(d) - np.outer(fitted.axis, fitted.axis)[:d, :d]
     spread = goals.T @ arms
     sine, cosine = float(np.sum(cross * spread)), float(np.sum(across * spread))

@@ -87,15 +87,12 @@ class TwoScalePlan:
     smoothing: Smoothing | None = None  # Of the coarse interpolation
 
     @property
-    def joined(self) -> bool:
-        """Whether the support radius connects the coarse points."""
+    def usable(self) -> bool:
+        """Whether it is better than one scale: R connects a grid's coarse points, or not all points are coarse."""
+        if not self.gridded:
+            return bool(self.levels) or len(self.coarse) < len(self.place)
         radius = self.support_radius
         return radius is None or radius >= _GAPS * self.gap or not basis_named(self.basis).compact
-
-    @property
-    def usable(self) -> bool:
-        """Whether the plan is better than one scale with all control points."""
-        return self.joined if self.gridded else bool(self.levels) or len(self.coarse) < len(self.place)
 
     @cached_property
     def distinct(self) -> Integers:
