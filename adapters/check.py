@@ -30,9 +30,9 @@ ADAPTERS: dict[str, tuple[tuple[str, ...], tuple[str, ...], str]] = {
     "dolfinx": (("dolfinx",), ("tests/adapters/howto",), "dolfinx"),
     "conformance of those built": (_C, ("tests/adapters/c",), "every_scenario"),
 }
-#: Where adapters/kratos/environment.sh installs.
+#: The folder into which adapters/kratos/environment.sh installs.
 _CACHE = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "mesh-motion"
-#: Where each code's Python modules are looked for.
+#: The Python programs in which each code's modules are searched, in this order.
 PYTHONS: dict[str, tuple[str | None, ...]] = {
     "precice": (sys.executable,),
     "KratosMultiphysics": (os.environ.get("KRATOS_PYTHON") or f"{_CACHE}/kratos-10.4/bin/python", sys.executable),

@@ -17,7 +17,7 @@ Floats = NDArray[np.float64]
 
 
 class Motion(Protocol):
-    """Where boundary nodes go."""
+    """The displacement of boundary nodes."""
 
     @property
     def text(self) -> str:

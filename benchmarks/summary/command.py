@@ -28,7 +28,7 @@ from benchmarks.summary.plan import PLANS, Job
 
 __all__ = ["main"]
 
-#: What may go on for longer than expected is stopped at so many times what it should take, and a minute.
+#: A command is stopped after this many times its expected time, and a minute.
 _PATIENCE, _GRACE = 5.0, 60.0
 
 

@@ -121,7 +121,7 @@ def line(outcome: Outcome) -> str:
 
 def draw(outcomes: list[Outcome], path: Path) -> None:
     """The tip's histories."""
-    import matplotlib  # noqa: PLC0415  a proof without a picture needs none
+    import matplotlib  # noqa: PLC0415  not needed without a picture
 
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt  # noqa: PLC0415

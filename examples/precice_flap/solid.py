@@ -14,7 +14,7 @@ from mesh_motion_calculix import Solid, flap_deck
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
-#: Where the flap of a participant stands.
+#: The place (x) of each participant's flap.
 FEET = {"Solid": 0.0, "Solid-Upstream": -1.0, "Solid-Downstream": 1.0}
 #: Sides of a C3D10 in three triangles at the corners and one in the middle: its corners, and the nodes between them.
 SIDES = [(0, 1, 2, 4, 5, 6), (0, 3, 1, 7, 8, 4), (1, 3, 2, 8, 9, 5), (2, 3, 0, 9, 7, 6)]

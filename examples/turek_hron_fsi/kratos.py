@@ -43,7 +43,7 @@ def flag_mesh(along: int, across: int, coarsest: float) -> FluidMesh:
     """Triangles of the channel, graded from the flag with ``along`` edges on a side and ``across`` at its end."""
 
     def geometry(gmsh: Any) -> dict[str, list[int]]:
-        """The channel in Gmsh's model; its lines by part."""
+        """Make the channel in Gmsh's model; return its lines by part."""
         (root, middle), length, width = FLAG
         finest, half = length / along, width / 2.0
         geo = gmsh.model.geo

@@ -158,7 +158,7 @@ def cell(figure: Figure) -> str:
 
 def draw(case: str, runs: dict[str, dict[str, Array]], path: Path) -> None:
     """Histories of the four quantities: whole runs on the left, their last periods on the right."""
-    import matplotlib  # noqa: PLC0415  a proof without a picture needs none
+    import matplotlib  # noqa: PLC0415  not needed without a picture
 
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt  # noqa: PLC0415

@@ -56,7 +56,7 @@ def report(row: Row, windows: int) -> None:
 
 
 def run(options: argparse.Namespace) -> list[Row]:
-    """The coupled run; its history."""
+    """Make the coupled run; return its history."""
     out: Path = options.out.resolve()
     case = CASES[options.case]
     out.mkdir(parents=True, exist_ok=True)

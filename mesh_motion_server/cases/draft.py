@@ -64,7 +64,7 @@ def guessed_roles(mesh: MeshFile) -> dict[str, tuple[str, str]]:
 
 
 def _facets_of(mesh: MeshFile) -> _Facets:
-    """The boundary of a mesh, found at its first use: most drafts need none, and a damaged mesh has none."""
+    """The boundary of a mesh, found at its first use: most drafts do not need it, and a damaged mesh has none."""
     return cache(lambda: boundary_facets(oriented(mesh.points, mesh.cell_table).cells))
 
 

@@ -106,13 +106,7 @@ class _Run:
     """The state of a case being played."""
 
     def __init__(
-        self,
-        case: Case,
-        mesh: MeshFile,
-        program: MotionProgram,
-        session: Session,
-        folder: Path,
-        every: int,
+        self, case: Case, mesh: MeshFile, program: MotionProgram, session: Session, folder: Path, every: int
     ) -> None:
         self._case, self._mesh, self._program, self._session = case, mesh, program, session
         patches = {name: Patch(role, mesh.patches[name]) for name, role in case.roles.items()}

@@ -13,12 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from mesh_motion_server.commands.expected_errors import expected_errors
-from mesh_motion_server.commands.options import (
-    EndpointOption,
-    KeyOption,
-    ServerKeyOption,
-    keys_of_options,
-)
+from mesh_motion_server.commands.options import EndpointOption, KeyOption, ServerKeyOption, keys_of_options
 from mesh_motion_server.commands.outcome import complain, say
 from mesh_motion_server.commands.replay import changes_of, print_comparison
 
@@ -101,14 +96,7 @@ def play(
         return
     with expected_errors(), _progress(quiet) as advance:
         keys = keys_of_options(endpoint, key, server_key)
-        played = play_case(
-            case,
-            out,
-            endpoint=endpoint,
-            every=every,
-            progress=advance,
-            keys=keys,
-        )
+        played = play_case(case, out, endpoint=endpoint, every=every, progress=advance, keys=keys)
     for warning in played.warnings:
         complain(f"warning: {warning}")
     if not quiet:

@@ -8,12 +8,7 @@ from mesh_motion_numerics.mesh.cells import CELL_TYPES
 from mesh_motion_numerics.mesh.local_facets import LOCAL_FACETS
 
 #: Types of cells by the numbers of nodes of their facets.
-_TYPES = {
-    (2, 2, 2): "triangle",
-    (3, 3, 3, 3): "tetra",
-    (3, 3, 3, 3, 4): "pyramid",
-    (3, 3, 4, 4, 4): "wedge",
-}
+_TYPES = {(2, 2, 2): "triangle", (3, 3, 3, 3): "tetra", (3, 3, 3, 3, 4): "pyramid", (3, 3, 4, 4, 4): "wedge"}
 
 
 def uncollapsed(cells: Mapping[str, Integers]) -> tuple[dict[str, Integers], int]:

@@ -50,12 +50,7 @@ FORMATS: tuple[Format, ...] = (
     _named(
         "a page of the web", (), rb"(?i)\A\s*<(!doctype\s+)?html\b", "the download is no mesh: open it in an editor"
     ),
-    _named(
-        "a text with a byte order mark",
-        (),
-        rb"\A(\xef\xbb\xbf(?!\s*<)|\xff\xfe|\xfe\xff)",
-        "save it without",
-    ),
+    _named("a text with a byte order mark", (), rb"\A(\xef\xbb\xbf(?!\s*<)|\xff\xfe|\xfe\xff)", "save it without"),
     NPZ,
     _named("a Gmsh mesh of version 1", (), rb"\A\s*\$NOD\b", _BY_GMSH),
     GMSH,
@@ -103,12 +98,7 @@ FORMATS: tuple[Format, ...] = (
     _named("a STAR-CCM+ mesh", (".ccm", ".ccmg"), rb"ADF", _BY_ITS_PROGRAM),
     _named("a STAR-CD mesh", (".vrt", ".cel", ".bnd"), rb"\APROSTAR_", "star4ToFoam of OpenFOAM makes a case of it"),
     _named("a Gambit mesh", (".neu",), rb"\A\s*CONTROL INFO", _BY_ITS_PROGRAM),
-    _named(
-        "a COMSOL mesh",
-        (".mphtxt", ".mphbin"),
-        rb"\A# .* COMSOL",
-        "COMSOL exports Nastran, which is read",
-    ),
+    _named("a COMSOL mesh", (".mphtxt", ".mphbin"), rb"\A# .* COMSOL", "COMSOL exports Nastran, which is read"),
     _named(
         "a GiD mesh",
         (".msh",),

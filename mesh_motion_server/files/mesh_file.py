@@ -82,7 +82,7 @@ def assemble(path: Path, points: Floats, cells: Mapping[str, Integers], patches:
 def assemble_elements(
     path: Path, points: Floats, elements: Sequence[tuple[str, Integers]], patches: Mapping[str, Integers]
 ) -> MeshFile:
-    """Like :func:`assemble`, from blocks of elements: our type, and nodes (m, k), the corners first; "" is no cell."""
+    """Do the same as :func:`assemble` with elements of types ("" for no cells), and nodes (m, k), corners first."""
     cells: dict[str, list[Integers]] = defaultdict(list)
     for name, nodes in elements:
         if name:
@@ -150,7 +150,7 @@ def group_names(groups: Iterable[tuple[int, int]], names: Mapping[tuple[int, int
 
 
 def named_groups(found: Mapping[tuple[int, int | str], Integers]) -> dict[str, list[tuple[int, Integers]]]:
-    """The nodes (p,) of groups by dimension and number or name, in the form for :func:`by_name`."""
+    """Nodes (p,) by a group's dimension, and its number or name → the same by name, as :func:`by_name` takes them."""
     names = group_names([(of, group) for of, group in found if not isinstance(group, str)], {})
     named: dict[str, list[tuple[int, Integers]]] = defaultdict(list)
     for (dimension, group), nodes in found.items():
@@ -178,7 +178,7 @@ def chosen_zone(path: Path, names: Sequence[str], zone: str) -> str:
 
 
 def _drop_coordinates(points: Floats, dimension: int, path: Path) -> Floats:
-    """(n, dimension) the coordinates in use; those beyond the cells' dimension must be constant, but for rounding."""
+    """(n, dimension) the coordinates in use; those beyond the cells' dimension may differ by rounding only."""
     if points.ndim != 2 or points.shape[1] < dimension:
         raise InvalidInput(f"{path}: {dimension}D cells, but points of shape {points.shape}")
     _check_points(points, path)
@@ -232,5 +232,5 @@ def _check_range(nodes: Integers, n_points: int, what: str, path: Path) -> None:
         where = np.argwhere(wrong)[0]
         raise InvalidInput(
             f"{path}: {what}: row {int(where[0])} names node {int(nodes[tuple(where)])}, "
-            f"but the mesh has the nodes 0 to {n_points - 1}",
+            f"but the mesh has the nodes 0 to {n_points - 1}"
         )

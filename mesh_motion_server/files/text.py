@@ -19,17 +19,17 @@ def text_of(data: bytes) -> str:
 
 
 def integer(word: str | bytes, base: int = 10) -> int:
-    """The integer that a file's word is. Raises ValueError if it is none, as for ``1_000`` and ``١٢``."""
+    """A word of a file as an integer. Raises ValueError if it is no integer, for example ``1_000`` or ``١٢``."""
     return int(_plain(word), base)
 
 
 def real(word: str | bytes) -> float:
-    """The number that a file's word is. Raises ValueError if it is none, as for ``1_0.5``."""
+    """A word of a file as a number. Raises ValueError if it is no number, for example ``1_0.5``."""
     return float(_plain(word))
 
 
 def number_array(words: Sequence[str] | Sequence[bytes], dtype: DTypeLike) -> NDArray[Any]:
-    """The numbers (n,) that a file's words are. Raises ValueError if one is none."""
+    """Words of a file as numbers (n,). Raises ValueError if a word is no number."""
     whole = b"".join(words) if words and isinstance(words[0], bytes) else "".join(words)  # type: ignore[arg-type]
     if not _is_plain(whole):
         for word in words:

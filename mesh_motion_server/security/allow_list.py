@@ -163,9 +163,7 @@ def _entry(path: Path, key: str, value: Any) -> Entry:
         raise InvalidInput(f"{path}: key {key!r:.60}: {error}") from None
     roles = value["roles"]
     if not isinstance(roles, list) or not roles or not all(isinstance(r, str) and r in ROLES for r in roles):
-        raise InvalidInput(
-            f"{path}: roles of {value['name']!r} must be some of {', '.join(Role)}, got {roles!r:.80}",
-        )
+        raise InvalidInput(f"{path}: roles of {value['name']!r} must be some of {', '.join(Role)}, got {roles!r:.80}")
     return Entry(value["name"], tuple(dict.fromkeys(roles)))
 
 

@@ -219,7 +219,7 @@ def _answer_to(arrival: Arrival, reply: Message) -> Envelope:
 
 
 def _sealed(reply: Message) -> int:
-    """Make the arrays read-only, so that an in-process receiver cannot change the stored reply; its bytes in memory."""
+    """Make the arrays read-only, so that an in-process receiver cannot change the stored reply; return its bytes."""
     nbytes = _HEADER_BYTES
     for array in vars(reply).values():
         if isinstance(array, np.ndarray):

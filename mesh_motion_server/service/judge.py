@@ -9,12 +9,7 @@ from typing import Any
 from mesh_motion_numerics.distributed.judging import RankReport, Unanswered, as_plain, read_report, summary_of
 from mesh_motion_protocol.messages import Judge, Judged
 
-from mesh_motion_server.service.reports import (
-    quality_frame,
-    region_correction_report,
-    shortened,
-    summary_report,
-)
+from mesh_motion_server.service.reports import quality_frame, region_correction_report, shortened, summary_report
 from mesh_motion_server.session.session import Session
 from mesh_motion_server.session.state import Operation
 

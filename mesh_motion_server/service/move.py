@@ -14,13 +14,7 @@ from mesh_motion_protocol.messages import Message, Move, Moved
 from numpy.typing import NDArray
 
 from mesh_motion_server.failpoints import failpoint
-from mesh_motion_server.service.reports import (
-    correction_report,
-    faces_report,
-    headroom_report,
-    move_quality,
-    shortened,
-)
+from mesh_motion_server.service.reports import correction_report, faces_report, headroom_report, move_quality, shortened
 from mesh_motion_server.service.rows import check_values
 from mesh_motion_server.session.session import Session
 from mesh_motion_server.session.state import Operation

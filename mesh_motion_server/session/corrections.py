@@ -26,13 +26,13 @@ from mesh_motion_numerics.interpolation.factor_source import FactorSource
 from mesh_motion_numerics.mesh.points import marks_at
 from mesh_motion_numerics.method import Method
 from mesh_motion_numerics.motion.crossing import refuse_region
-from mesh_motion_numerics.motion.exact_displacements import differences_of
 from mesh_motion_numerics.motion.smooth_step import NOT_SMOOTH
 from mesh_motion_numerics.quality.metrics import WORST_CORNER
 from mesh_motion_numerics.quality.quality_summary import Judgement
 from mesh_motion_protocol.errors import InvalidInput, QualityRefused
 
 from mesh_motion_server.session.model import Model
+from mesh_motion_server.session.partitions.exact_displacements import differences_of
 from mesh_motion_server.session.partitions.meshes import MergedMesh
 from mesh_motion_server.session.partitions.regions import MergedRegion, merge_regions
 
@@ -96,12 +96,7 @@ def _resisting(n_nodes: int | None) -> Extent:
 
 
 def correct(
-    mesh: MergedMesh,
-    model: Model,
-    points: Floats,
-    field: Field,
-    regions: Sequence[Region],
-    factors: FactorSource,
+    mesh: MergedMesh, model: Model, points: Floats, field: Field, regions: Sequence[Region], factors: FactorSource
 ) -> CorrectOutcome:
     """Correct the region that the ranks send.
 

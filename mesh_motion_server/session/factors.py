@@ -2,15 +2,11 @@
 
 from collections import Counter, OrderedDict
 from collections.abc import Callable
-from typing import Protocol, TypeVar, cast
+from typing import TypeVar, cast
 
+from mesh_motion_numerics.arrays import bytes_of
 
-class _Sized(Protocol):
-    @property
-    def nbytes(self) -> int: ...
-
-
-K = TypeVar("K", bound=_Sized)
+K = TypeVar("K")
 
 
 class FactorCache:
@@ -32,7 +28,8 @@ class FactorCache:
 
     def __init__(self, byte_budget: int) -> None:
         self._budget = byte_budget
-        self._kept: OrderedDict[tuple[str, bytes], _Sized] = OrderedDict()
+        self._kept: OrderedDict[tuple[str, bytes], object] = OrderedDict()
+        self._sizes: dict[tuple[str, bytes], int] = {}  # in bytes, when made and after each commit: some entries grow
         self._used: set[tuple[str, bytes]] = set()
         self.made: Counter[str] = Counter()
         self.reused: Counter[str] = Counter()
@@ -43,13 +40,13 @@ class FactorCache:
     @property
     def nbytes(self) -> int:
         """Bytes of all entries."""
-        return sum(kept.nbytes for kept in self._kept.values())
+        return sum(self._sizes.values())
 
     def held(self) -> dict[str, int]:
         """Bytes of the entries of each kind."""
         held: Counter[str] = Counter()
-        for (kind, _), kept in self._kept.items():
-            held[kind] += kept.nbytes
+        for (kind, _), size in self._sizes.items():
+            held[kind] += size
         return dict(held)
 
     def report(self) -> dict[str, dict[str, int]]:
@@ -71,7 +68,7 @@ class FactorCache:
         # make room first: old and new entries together could exceed the process's memory limit
         self._shrink(self._budget // 2)
         made = make()
-        self._kept[place] = made
+        self._kept[place], self._sizes[place] = made, bytes_of(made)
         self.made[kind] += 1
         self._shrink(self._budget, keep=1)
         return made, False
@@ -80,14 +77,17 @@ class FactorCache:
         """After a commit, drop the entries that the step has not used; they belong to states that never come back."""
         for place in self._kept.keys() - self._used:
             del self._kept[place]
+        self._sizes = {place: bytes_of(kept) for place, kept in self._kept.items()}
         self._used = set()
 
     def clear(self) -> None:
         """Drop all entries."""
         self._kept.clear()
+        self._sizes.clear()
         self._used = set()
 
     def _shrink(self, budget: int, keep: int = 0) -> None:
         """Drop the least recently used entries until ``budget`` bytes or ``keep`` entries are left."""
         while len(self._kept) > keep and self.nbytes > budget:
-            self._kept.popitem(last=False)
+            place, _ = self._kept.popitem(last=False)
+            del self._sizes[place]

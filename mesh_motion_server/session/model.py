@@ -16,8 +16,7 @@ from mesh_motion_server.session.partitions.numbering import UploadView, upload_v
 
 if TYPE_CHECKING:
     from mesh_motion_numerics.interpolation.factor_source import FactorSource
-    from mesh_motion_numerics.motion.exact_displacements import BoundaryDisplacement
-    from mesh_motion_numerics.motion.motion_found import Motion
+    from mesh_motion_numerics.motion.motion_found import BoundaryDisplacement, Motion
     from mesh_motion_numerics.quality.headroom import Headroom
     from mesh_motion_numerics.quality.quality_summary import Judgement
 

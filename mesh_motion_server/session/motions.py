@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from mesh_motion_numerics.arrays import Floats
 from mesh_motion_numerics.distributed.field import Field
-from mesh_motion_numerics.motion.exact_displacements import BoundaryDisplacement, settle
+from mesh_motion_numerics.motion.motion_found import BoundaryDisplacement
 from mesh_motion_protocol.errors import InvalidInput, QualityRefused
 
 from mesh_motion_server.session.factors import FactorCache
 from mesh_motion_server.session.model import Model
+from mesh_motion_server.session.partitions.exact_displacements import settle
 from mesh_motion_server.session.partitions.meshes import MergedMesh
 from mesh_motion_server.session.partitions.numbering import in_senders_numbers, text_in_senders_numbers
 from mesh_motion_server.session.state import MoveInput

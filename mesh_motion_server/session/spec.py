@@ -144,7 +144,8 @@ def check_digest(spec: bytes, expected: bytes) -> None:
 def spec_bytes(folder: Path) -> bytes:
     """The content of a session's ``spec.json``.
 
-    Raises DataLoss if the folder has none: it is no session's; RESOURCE_EXHAUSTED.DISK if the file cannot be read.
+    Raises DataLoss if there is no such file: the folder is no session's. Raises RESOURCE_EXHAUSTED.DISK if the file
+    cannot be read.
     """
     try:
         return read_whole(PosixFileSystem(), folder / SPEC, MOST_SPEC_BYTES)

@@ -160,7 +160,7 @@ def _check_ready_file(path: Path) -> None:
 
 
 def _partial(path: Path) -> Path:
-    """Where the ready file is written before it has its name."""
+    """The file into which the ready file is written before it gets its name."""
     return path.with_name(path.name + ".part")
 
 

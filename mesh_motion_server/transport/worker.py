@@ -63,7 +63,7 @@ class Lease:
             elif descriptor in self._connections:
                 self._connections.remove(descriptor)
                 self._alone_since = now
-                return_memory()  # from a message that was cut
+                return_memory()  # that of a message that was cut
 
     def pass_over(self, frame: zmq.Frame, now: float) -> None:
         """Do not count the connection that a frame came from."""
@@ -89,12 +89,7 @@ class Worker:
     """
 
     def __init__(
-        self,
-        channel: Channel,
-        socket: zmq.Socket[bytes],
-        host: SessionHost,
-        settings: ServerSettings,
-        rights: Rights,
+        self, channel: Channel, socket: zmq.Socket[bytes], host: SessionHost, settings: ServerSettings, rights: Rights
     ) -> None:
         self._channel = channel
         self._socket = socket

@@ -5,7 +5,7 @@ are cut into fixed tiles, each tile is computed by one thread of a BLAS limited 
 Python threads (NumPy releases the interpreter lock in matrix products).
 """
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from functools import cache
@@ -42,13 +42,9 @@ def for_each_tile(task: Callable[[int, int], None], size: int, tile: int) -> Non
     tiles = [(first, min(first + tile, size)) for first in range(0, size, tile)]
     threads = min(len(tiles), int(kernels.get_threads()))
     if threads <= 1:
-        _run_all(task, tiles)
+        for bounds in tiles:
+            task(*bounds)
         return
     with ThreadPoolExecutor(threads) as pool:
         for future in [pool.submit(task, *bounds) for bounds in tiles]:
             future.result()
-
-
-def _run_all(task: Callable[[int, int], None], tiles: Iterable[tuple[int, int]]) -> None:
-    for first, last in tiles:
-        task(first, last)

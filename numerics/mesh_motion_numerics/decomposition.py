@@ -22,33 +22,19 @@ _CANCELLED = 1e-12  # sum of two stretches, in units of the largest, below which
 
 
 class Eigen(NamedTuple):
-    """``B = V diag(values) V⁻¹``.
+    """``B = V diag(values) V⁻¹``."""
 
-    Attributes
-    ----------
-    values : (m, d) complex array
-        Ascending by real part; a complex pair with the negative imaginary part first.
-    vectors : (m, d, d) complex array
-        Unit columns V; nearly parallel ones where B is a pure shear.
-    """
-
+    #: (m, d). Ascending by real part; a complex pair with the negative imaginary part first.
     values: NDArray[np.complex128]
-    vectors: NDArray[np.complex128]
+    vectors: NDArray[np.complex128]  # (m, d, d). Unit columns V; nearly parallel ones where B is a pure shear
 
 
 class SVD(NamedTuple):
-    """``B = left @ diag(stretches) @ right.T`` of each matrix.
+    """``B = left @ diag(stretches) @ right.T`` of each matrix."""
 
-    Attributes
-    ----------
-    left, right : (m, d, d) arrays
-        Rotations, det = +1.
-    stretches : (m, d) array
-        Descending in magnitude, all positive but the last, which is negative where B reflects.
-    """
-
+    #: left, right: (m, d, d). Rotations, det = +1.
     left: Floats
-    stretches: Floats
+    stretches: Floats  # (m, d). Descending in magnitude, all positive but the last, which is negative where B reflects
     right: Floats
 
 

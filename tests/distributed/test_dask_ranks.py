@@ -147,7 +147,7 @@ def dying(target, method, count):
     return install
 
 
-#: Where a worker of the second step dies: before it sends that request, or after its answer.
+#: The moments at which a worker of the second step dies: before it sends that request, or after its answer.
 DEATHS = {
     "before MOVE": ("session:Session", "move", 1),
     "after MOVED": ("own_cells:OwnCells", "take_trial", 1),

@@ -5,13 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from mesh_motion_numerics.distributed.judging import (
-    Unanswered,
-    as_plain,
-    read_report,
-    report_fields,
-    summary_of,
-)
+from mesh_motion_numerics.distributed.judging import Unanswered, as_plain, read_report, report_fields, summary_of
 from mesh_motion_numerics.distributed.order_statistics import content
 from mesh_motion_numerics.distributed.summaries import PartialSummary, Questions, first_questions
 from mesh_motion_numerics.quality.metrics import CellQuality

@@ -6,7 +6,14 @@ from layered_grids import beyond_the_wall, grid, pitched
 from mesh_motion_client import InvalidInput, connect, opened
 from mesh_motion_numerics.distributed.rank import Rank
 from mesh_motion_protocol.messages import Build
-from own_ranks import SETTINGS, assert_kept_after_kill_9, assert_same_derivatives, in_pieces, on_ranks
+from own_ranks import (
+    SETTINGS,
+    assert_as_the_whole_mesh,
+    assert_kept_after_kill_9,
+    assert_same_derivatives,
+    in_pieces,
+    on_ranks,
+)
 
 
 def in_two_steps(session, part):
@@ -23,13 +30,7 @@ def in_two_steps(session, part):
 def test_layers_are_carried_as_in_a_session_with_the_whole_mesh(server, kind):
     """Bitwise equal on any number of ranks; equal to the whole mesh within rounding or the iterations' tolerance."""
     whole = grid(kind)
-    with connect(server.endpoint) as client, client.open(whole) as session:
-        expected = in_two_steps(session, whole)
-    (one,) = on_ranks(server, [whole], in_two_steps, {})
-    for (moved, points), (reply, there), most in zip(one, expected, (1e-12, 1e-9), strict=True):
-        assert np.abs(points - there).max() < most
-        assert moved.correction["method"] == reply.correction["method"]
-    assert [moved.correction["method"] for moved, _ in one] == ["none", "smooth"]
+    one = assert_as_the_whole_mesh(server, whole, in_two_steps)
     for parts in (in_pieces(whole, 2), in_pieces(whole, 3)):
         for part, found in zip(parts, on_ranks(server, parts, in_two_steps, {}), strict=True):
             for (_, points), (_, there) in zip(found, one, strict=True):

@@ -5,7 +5,15 @@ import pytest
 from mesh_motion_client import InvalidInput, Mesh, Patch, connect
 from mesh_motion_numerics.distributed.rank import Rank
 from mesh_motion_numerics.mesh.cells import CellTable
-from own_ranks import CORRECTED, as_client, assert_kept_after_kill_9, assert_same_derivatives, in_pieces, on_ranks
+from own_ranks import (
+    CORRECTED,
+    as_client,
+    assert_as_the_whole_mesh,
+    assert_kept_after_kill_9,
+    assert_same_derivatives,
+    in_pieces,
+    on_ranks,
+)
 from periodic_meshes import periodic_box, sector
 from sliding_meshes import duct
 
@@ -48,16 +56,7 @@ def in_two_steps(session, part):
 def test_nodes_slide_as_in_a_session_with_the_whole_mesh(server, mesh):
     """Bitwise equal on any number of ranks; equal to the whole mesh within rounding or the iterations' tolerance."""
     whole = as_client(*MESHES[mesh]())
-    with connect(server.endpoint) as client, client.open(whole) as session:
-        expected = in_two_steps(session, whole)
-    (one,) = on_ranks(server, [whole], in_two_steps, {})
-    for (moved, points), (reply, there), most in zip(one, expected, (1e-12, 1e-9), strict=True):
-        assert np.abs(points - there).max() < most
-        assert moved.correction["method"] == reply.correction["method"]
-        assert moved.quality["corrected"]["metric"]["min"] == pytest.approx(
-            reply.quality["corrected"]["metric"]["min"], rel=1e-7
-        )
-    assert [moved.correction["method"] for moved, _ in one] == ["none", "smooth"]
+    one = assert_as_the_whole_mesh(server, whole, in_two_steps)
     walls = np.setdiff1d(whole.patches["y0"].nodes, whole.patches["x0"].nodes)
     assert np.abs(one[1][1] - whole.points)[walls].max() > 0.005
 

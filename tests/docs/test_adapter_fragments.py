@@ -16,7 +16,7 @@ ROOT = Path(__file__).parents[2]
 ADAPTER = ROOT / "adapters" / "c"
 PAGE = (ADAPTER / "README.md").read_text(encoding="utf-8")
 
-#: What stands around a fragment: the declarations that the page's words imply; {} is its place.
+#: The text around a fragment: the declarations that the page's words imply; {} is the fragment's place.
 AROUND = {
     "c": """
         #include <mesh_motion.h>

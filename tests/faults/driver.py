@@ -68,7 +68,7 @@ class Driver:
         return replies
 
     def join(self) -> Any:
-        """Every partition joins; the last reply."""
+        """Join with every partition; return the last reply."""
         return [self.ask(Join, p, token=TOKEN) for p in range(len(self.meshes))][-1]
 
     def upload(self) -> None:

@@ -9,13 +9,13 @@ from types import MappingProxyType
 _LATE = "sleep:0.4"
 #: Around a file: the process ends, is slow, or the operation fails.
 _FILE = ("kill", "raise:EIO", "raise:ENOSPC", _LATE)
-#: Where a session computes: an allocation may fail, and a defect may raise an unexpected error.
+#: While a session computes: an allocation may fail, and a defect may raise an unexpected error.
 _COMPUTING = ("kill", "raise:MemoryError", "raise:RuntimeError", _LATE)
-#: Where a process only passes data on.
+#: While a process only passes data on.
 _PASSING = ("kill", "raise:RuntimeError", _LATE)
-#: Where nothing can fail; and in the supervisor, whose own errors would end the server.
+#: In code in which nothing can fail, and in the supervisor, whose own errors would end the server.
 _CERTAIN = ("kill", _LATE)
-#: Where the supervisor asks the kernel for a process, or reads the store.
+#: While the supervisor asks the kernel for a process, or reads the store.
 _STARTING = ("kill", "raise:EAGAIN", "raise:ENOMEM", _LATE)
 _READING = ("kill", "raise:EIO", "raise:EMFILE", _LATE)
 
@@ -36,7 +36,7 @@ _TABLE = (
     ("journal.create.renamed", "a new manifest has its name, the folder is not synced", _FILE),
     ("journal.open.read", "an existing journal is judged, nothing is repaired", _FILE),
     ("journal.settle.record", "the last record is written again and synced, slots are not cleaned", _FILE),
-    ("journal.settle.done", "what a crash left is repaired, but for the provisional manifest", _FILE),
+    ("journal.settle.done", "what a crash left is repaired, except the provisional manifest", _FILE),
     ("journal.commit.start", "a commit is about to be written", _FILE),
     ("journal.commit.ahead", "the coordinates are written and not synced, their record is not known", _FILE),
     ("journal.commit.slot-unsynced", "the slot is written and not synced", _FILE),

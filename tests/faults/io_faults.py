@@ -43,7 +43,7 @@ Digests = dict[int, bytes]
 
 
 class _Ended(Exception):
-    """An error reply ended the run; its code."""
+    """An error reply with this code ended the run."""
 
 
 def fail_each_call(error: int, *, for_ever: bool, level: str = "full") -> Counter[str]:

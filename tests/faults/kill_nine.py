@@ -31,7 +31,7 @@ from tests.faults.undisturbed import Undisturbed
 _LONGEST = 0.2
 #: Lives in a row that commit nothing, each longer than the last: the last of them may take eight seconds.
 _MOST_IDLE = 40
-#: One thread each: what a fork leaves behind of others' is none of this proof's matter.
+#: One thread each: this proof does not test what a fork leaves of other threads.
 _FORKABLE = {"MESH_MOTION_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 #: The longest recovery at the 95th percentile.
 _RECOVERY_SECONDS = 2.0

@@ -203,7 +203,7 @@ CHANGES: Mapping[Change, int] = {
 
 
 def gone_wrong(draft: Draft, random: Random, changes: Mapping[Change, int] = CHANGES, raw: float = 0.4) -> Frames:
-    """Apply zero to three changes, one after the other; then pack, and with this probability change bytes."""
+    """Apply zero to three changes one after the other and pack the draft; change bytes with the probability ``raw``."""
     for change in random.choices(list(changes), list(changes.values()), k=random.choice((0, 1, 1, 1, 2, 3))):
         change(draft, random)
     head, *frames = draft.packed()

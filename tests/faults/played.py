@@ -354,7 +354,7 @@ class Played:
         return decode(replies[0][1])
 
     def _control_with(self, asked: Asked, accident: str, at: int) -> tuple[Any, str]:
-        """Return the reply during an accident, and whether the accident happened."""
+        """Send a request during an accident; return the reply, and the accident if it happened."""
         if not accident or self.model.disk_broken:
             return self._control(asked), "disk" if self.model.disk_broken else ""
         armed = Accident(ACCIDENTS[accident], at)

@@ -64,7 +64,7 @@ class StandIn:
             for c in np.argsort(areas, kind="stable")[:3]
         )
         inverted = int((areas <= 0).sum())
-        return QualitySummary("size-skew", values, values, values, values, inverted, len(areas), worst)
+        return QualitySummary(values, values, values, values, inverted, len(areas), worst)
 
     def headroom(self, before: Any, points: Any, worst: Any, *, step: bool = True) -> Headroom:
         """None of its meshes ends."""

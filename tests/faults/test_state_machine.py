@@ -225,7 +225,7 @@ OWN: tuple[Callable[[Patch], None], ...] = (
 _KNOWN = {fault.name: fault.seed for fault in FAULTS}
 SEEDED = {name: _KNOWN[name] for name in SHARED} | {seed.__name__.replace("_", " "): seed for seed in OWN}
 
-#: Where the first lives of seed 1 do not get to it soon: others, or lives that are drawn to a state.
+#: Other seeds, for faults that the first lives of seed 1 do not find soon, or lives that are drawn to a state.
 SEEDS = {
     "a second join leaves the first": 18, "a close that fails has closed": 8,
     "does not compare what partitions ask for": 3, "a build forgets the epoch": 3, "resume keeps the trial": 2,

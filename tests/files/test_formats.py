@@ -48,12 +48,7 @@ from mesh_motion_server.files.formats import FORMATS
 
 _CUBE = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]])
 #: Corners of a cell of each type that has volume in space, in the order of messages and of Gmsh.
-_CORNERS = {
-    "tetra": _CUBE[[0, 1, 3, 4]],
-    "hexahedron": _CUBE,
-    "wedge": _CUBE[[0, 1, 3, 4, 5, 7]],
-    "pyramid": _CUBE[:5],
-}
+_CORNERS = {"tetra": _CUBE[[0, 1, 3, 4]], "hexahedron": _CUBE, "wedge": _CUBE[[0, 1, 3, 4, 5, 7]], "pyramid": _CUBE[:5]}
 
 #: Files in which the names have another length, or that say their alphabet.
 _BINARY = ("h5", ".e", ".exo", ".med", ".cgns", ".npz", ".vtu", "hdf", "xdmf", ".xmf", ".ugrid")
@@ -203,10 +198,7 @@ def test_fluent_in_the_plane_with_a_polygon(tmp_path: Path) -> None:
     mesh = read_mesh(tmp_path / "m.msh")
     assert {name: len(nodes) for name, nodes in mesh.cells.items()} == {"triangle": 6}
     np.testing.assert_allclose(mesh.points[6], [0.5, 0.7])  # the pentagon's middle
-    assert lists(mesh.patches) == {
-        "wall-3": [0, 1, 2, 3, 4],
-        "velocity-inlet-4": [1, 2, 5],
-    }
+    assert lists(mesh.patches) == {"wall-3": [0, 1, 2, 3, 4], "velocity-inlet-4": [1, 2, 5]}
     write_mesh(tmp_path / "moved.msh", replace(mesh, points=mesh.points * 2))
     np.testing.assert_array_equal(read_mesh(tmp_path / "moved.msh").points[:6], mesh.points[:6] * 2)
 
@@ -545,12 +537,7 @@ def test_med_and_exodus_files_that_do_not_fit(tmp_path: Path) -> None:
             "*NSET, NSET=n, GENERATE\n1, 3000000000, 1\n*SURFACE",
             "more than 50000000 numbers from 1 to",
         ),
-        (
-            abaqus,
-            "*SURFACE",
-            "*NSET, NSET=n, GENERATE\n1, 4, 0\n*SURFACE",
-            "an increment of 0, expected at least 1",
-        ),
+        (abaqus, "*SURFACE", "*NSET, NSET=n, GENERATE\n1, 4, 0\n*SURFACE", "an increment of 0, expected at least 1"),
         (
             abaqus,
             "*SURFACE",
@@ -904,10 +891,7 @@ def test_meshio_writes_mixed_topologies_of_xdmf(tmp_path: Path, form: str) -> No
     meshio.write(tmp_path / "m.xdmf", meshio.Mesh(points, cells, cell_data=data), data_format=form)
     mesh = read_mesh(tmp_path / "m.xdmf")
     np.testing.assert_array_equal(mesh.points, points)
-    assert lists(mesh.cells) == {
-        "quad": [[0, 1, 2, 3]],
-        "triangle": [[1, 4, 2]],
-    }
+    assert lists(mesh.cells) == {"quad": [[0, 1, 2, 3]], "triangle": [[1, 4, 2]]}
     assert lists(mesh.patches) == {"3": [0, 1], "4": [1, 4]}
     other = tmp_path / "other"
     other.mkdir()
@@ -1220,7 +1204,7 @@ def test_points_and_thick_shells_of_exodus(tmp_path: Path) -> None:
 def test_cgns_without_bases_is_none(tmp_path: Path) -> None:
     with pytest.importorskip("h5py").File(tmp_path / "m.cgns", "w") as file:
         file["Base/Zone1/GridCoordinates/CoordinateX/ data"] = POINTS[:, 0]
-    one_line(tmp_path / "m.cgns", r"no base \(CGNSBase_t\): not a CGNS file \(meshio's .cgns is none")
+    one_line(tmp_path / "m.cgns", r"no base \(CGNSBase_t\): not a CGNS file \(meshio's .cgns has none")
 
 
 @pytest.mark.parametrize(
@@ -1246,8 +1230,8 @@ def test_cgns_without_bases_is_none(tmp_path: Path) -> None:
 def test_surfaces_of_shells_in_abaqus(tmp_path: Path, solid: str, side: str, expected: dict[str, list[int]]) -> None:
     """Edges E1, E2, … and faces SPOS, SNEG, as Abaqus' manual names them.
 
-    CalculiX counts: S1 and S2 are the faces of shells, their edges begin with S3; of plane elements with S1 (its
-    ``surfaces.f``).
+    CalculiX counts: S1 and S2 are the faces of a shell, and its edges begin with S3; the edges of a plane element
+    begin with S1 (``surfaces.f``).
     """
     apex = "5, 0.4, 0.4, 1\n" if "C3D5" in solid else ""
     (tmp_path / "m.inp").write_text(

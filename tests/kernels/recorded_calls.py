@@ -26,10 +26,11 @@ _CASES = ("2D sparse", "2D corrected", "2D maximum", "2D reduced", "3D mixed", "
 _TESTS = (
     "factorizations/test_iterative.py",
     "../distributed/test_counted_cells.py", "../distributed/test_field.py",
-    "../session/partitions/test_cell_order.py", "../docs/studies/test_sampled_prediction.py",
+    "../session/partitions/test_cell_order.py", "../session/partitions/test_exact_displacements.py",
+    "../docs/studies/test_sampled_prediction.py",
     "../docs/studies/volume_reduction/test_background_grid.py",
     "test_centres.py", "test_closest_point.py", "test_contact_ahead.py", "test_evaluation.py",
-    "test_exact_displacements.py", "test_hashed_cells.py", "test_headroom.py", "test_linked_unknowns.py",
+    "test_hashed_cells.py", "test_headroom.py", "test_linked_unknowns.py",
     "test_sliding.py", "test_newton.py", "test_cell_distortion.py", "test_smooth_motion.py", "test_motion_slope.py",
     "../docs/studies/test_predictors.py", "two_scale/test_grid_sums.py", "two_scale/test_nested_grid.py",
 )  # fmt: skip

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 from mesh_motion_numerics.interpolation.assembly import mean_row_entries, sparse_matrix, sparse_rows
-from mesh_motion_numerics.interpolation.centres import CentreLayout
-from mesh_motion_numerics.interpolation.hashed_cells import HashedCells
+from mesh_motion_numerics.interpolation.centres import CentreLayout, HashedCells
 from mesh_motion_numerics.interpolation.kernels import BASES
 from mesh_motion_numerics.mesh.points import padded
 

@@ -12,8 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mesh_motion_numerics.correction import trial_nodes
 from mesh_motion_numerics.method import Method
-from mesh_motion_numerics.motion.exact_displacements import BoundaryDisplacement
 from mesh_motion_numerics.motion.motion import MotionModel
+from mesh_motion_numerics.motion.motion_found import BoundaryDisplacement
 from mesh_motion_numerics.motion.standard_motion import StandardMotion
 from mesh_motion_numerics.quality.metrics import cell_quality
 from mesh_motion_protocol.errors import InvalidInput, QualityRefused

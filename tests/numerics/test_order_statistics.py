@@ -50,7 +50,7 @@ SETS = {
     "nearly ones": 1.0 - 1e-13 * RANDOM.random(MANY),
     "half ones": np.where(RANDOM.random(MANY) < 0.5, RANDOM.random(MANY), 1.0),
     "half ones in order": np.sort(np.where(np.arange(MANY) < MANY // 2, RANDOM.random(MANY), 1.0)),
-    "ones but for the worst": np.where(RANDOM.random(MANY) < 0.01, RANDOM.random(MANY), 1.0),
+    "ones except the worst": np.where(RANDOM.random(MANY) < 0.01, RANDOM.random(MANY), 1.0),
     "two neighbours": np.where(RANDOM.random(MANY) < 0.5, 0.3, np.nextafter(0.3, 1.0)),
     "not finite": np.where(RANDOM.random(MANY) < 0.04, -np.inf, RANDOM.random(MANY)),
     "around zero": 1e-200 * RANDOM.standard_normal(MANY),

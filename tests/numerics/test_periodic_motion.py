@@ -280,7 +280,7 @@ def test_a_body_with_edges_of_a_billionth_is_moved_with_nothing_set(name: str) -
 def test_a_sector_turns_by_any_angle_between_slip_hub_and_tip(
     kind: str, n: int, step: float, displacement: str
 ) -> None:
-    """Two revolutions at least. The mesh stays as at rest but for the facets, of 12° in space, of hub and tip."""
+    """At least two revolutions. The mesh stays as at rest, apart from the facets of hub and tip, of 12° in space."""
     mesh = sector(kind, n, ends="slip")
     model = model_of(mesh, displacement=displacement, correction="none")
     points, body = mesh[0], mesh[0][model.roles.moving]

@@ -55,7 +55,7 @@ MESHES: dict[str, tuple[Callable[[], Any], str]] = {
     ),
     "a plane mesh in space": (lambda: mesh(np.c_[POINTS, 0 * POINTS[:, 0]]), r"points \(723, 3\).*points\[:, :2\]"),
     "points lying down": (lambda: mesh(POINTS.T), r"\(n, 2\) or \(n, 3\).*got \(2, 723\)"),
-    "a point that is none": (
+    "no point": (
         lambda: mesh(np.where(POINTS > 0.999, np.nan, POINTS)),
         r"points must be finite, got nan in row",
     ),
@@ -115,7 +115,7 @@ OPENS: dict[str, tuple[Callable[[Server], Any], str]] = {
     ),
     "nodes in another order": (lambda s: s.open(mesh(points=POINTS[::-1])), r"cell \d+ .*inverted or degenerate"),
     "a misspelt setting": (lambda s: s.open(mesh(), {"suport_radius": 1}), r"'suport_radius'.*mean 'support_radius'"),
-    "a level that is none": (lambda s: s.open(mesh(), durability="fast"), r"'full', 'replay', 'relaxed', got 'fast'"),
+    "no such level": (lambda s: s.open(mesh(), durability="fast"), r"'full', 'replay', 'relaxed', got 'fast'"),
     "parts without numbers": (lambda s: s.open(mesh(), partitions=2), r"must have global_ids"),
     "two holders": (two_holders, r"resumed by another holder"),
     "move after close": (
@@ -123,7 +123,7 @@ OPENS: dict[str, tuple[Callable[[Server], Any], str]] = {
         r"session is closed.*server\.resume",
     ),
     "commit after close": (lambda s: after_close(s, lambda x: x.commit()), r"session is closed"),
-    "a session that is none": (
+    "no session": (
         lambda s: s.resume(Credentials("0" * 32, bytes(32))),
         r"no session '0000.*check the session id",
     ),
@@ -155,7 +155,7 @@ MOVES: dict[str, tuple[Callable[[Session], Any], str]] = {
     "words": (lambda s: s.move("left"), r"must be numbers: they are <U4"),
     "a patch misspelt": (lambda s: s.move({"blok": np.zeros((ROWS, 2))}), r"\['block'\], got \['blok'\]"),
     "another unit": (lambda s: s.move(np.full((ROWS, 2), -100.0)), r"no valid mesh.*no tested fraction"),
-    "a frame that is none": (
+    "no such frame": (
         lambda s: s.move(np.zeros((ROWS, 2)), frame="total"),
         r"'committed', 'reference', got 'total'",
     ),  # type: ignore[arg-type]

@@ -1,4 +1,4 @@
-"""Where sockets are put."""
+"""The folders of sockets."""
 
 import os
 import tempfile

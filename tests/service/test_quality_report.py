@@ -1,4 +1,4 @@
-"""The quality report of a later coupling iteration: only the values for a decision, equally exact."""
+"""The quality report of a later coupling iteration has only the values that decide, and they are exact too."""
 
 from typing import Any
 

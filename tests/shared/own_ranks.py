@@ -5,6 +5,7 @@ import threading
 from pathlib import Path
 
 import numpy as np
+import pytest
 from box_meshes import box_mesh
 from mesh_motion_client import Mesh, Patch, connect
 
@@ -132,6 +133,25 @@ def on_ranks(server, parts, work, settings=SETTINGS):
     if failures:
         raise failures[0]
     return results
+
+
+def assert_as_the_whole_mesh(server, whole, two_steps):
+    """Check that two steps of a mesh on its own rank, without and with a correction, are those of the server.
+
+    Returns
+    -------
+    The replies and the positions after both steps.
+    """
+    with connect(server.endpoint) as client, client.open(whole) as session:
+        expected = two_steps(session, whole)
+    (one,) = on_ranks(server, [whole], two_steps, {})
+    for (moved, points), (reply, there), most in zip(one, expected, (1e-12, 1e-9), strict=True):
+        assert np.abs(points - there).max() < most
+        assert moved.correction["method"] == reply.correction["method"]
+        corrected, other = (found.quality["corrected"]["metric"]["min"] for found in (moved, reply))
+        assert corrected == pytest.approx(other, rel=1e-7)
+    assert [moved.correction["method"] for moved, _ in one] == ["none", "smooth"]
+    return one
 
 
 def assert_same_derivatives(server, whole, ranks, motion):

@@ -26,7 +26,7 @@ class PlainModel:
     def summary(self, points):
         values = Distribution(1.0, 1.0, 1.0, 1.0, 1.0)
         count = sum(len(block) for block in self.cells)
-        return QualitySummary("size-skew", values, values, values, values, 0, count, ())
+        return QualitySummary(values, values, values, values, 0, count, ())
 
     def headroom(self, before, points, worst, *, step=True):
         return Headroom(8.5, 4.25, 0)

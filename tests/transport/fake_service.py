@@ -97,15 +97,7 @@ class SessionHost:
         request = envelope.message
         identity = {"client": request.client, "sequence": request.sequence}
         if request.epoch != self.epoch:
-            reply = m.ErrorReply(
-                **identity,
-                code="ABORTED.FENCED",
-                message="fenced",
-                hint="",
-                retryable=False,
-                state=self.state,
-                details={},
-            )
+            reply = self.refuse(request, identity, "ABORTED.FENCED", "fenced")
         else:
             answers = {
                 "JOIN": self.join,
@@ -123,16 +115,9 @@ class SessionHost:
     def join(self, request, identity):
         return m.Joined(**identity, state=self.state, step=self.step, iteration=0)
 
-    def refuse(self, request, identity):
-        return m.ErrorReply(
-            **identity,
-            code="FAILED_PRECONDITION.STATE",
-            message="not here",
-            hint="",
-            retryable=False,
-            state=self.state,
-            details={},
-        )
+    def refuse(self, request, identity, code="FAILED_PRECONDITION.STATE", message="not here"):
+        more = {"hint": "", "retryable": False, "state": self.state, "details": {}}
+        return m.ErrorReply(**identity, code=code, message=message, **more)
 
     def status(self, request, identity):
         return m.StatusReport(

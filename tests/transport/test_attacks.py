@@ -112,7 +112,7 @@ def test_the_gateway_and_the_workers_have_bounds(victim):
 def test_a_second_client_with_the_same_routing_id_does_not_get_the_firsts_replies(target, victim, connect):
     endpoint, _ = victim["data"]
     first = connect(endpoint, target.client_keys, routing_id=b"solver")
-    assert first.ask(Ping).type == "PONG"  # its handshake is over: of two at once, either may be the first
+    assert first.ask(Ping).type == "PONG"  # its handshake is over; otherwise the second client might be the first
     second = connect(endpoint, target.client_keys, routing_id=b"solver")
     second.send(Ping)
     assert first.ask(Ping).type == "PONG"

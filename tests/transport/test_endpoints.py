@@ -1,4 +1,4 @@
-"""Where a server may listen."""
+"""The endpoints at which a server may listen."""
 
 import os
 import socket

@@ -58,7 +58,7 @@ Mesh make_mesh()
     return mesh;
 }
 
-/// Where a structural solver would say that the boundary is: a share of a turn (cosine 0.96) and of a translation.
+/// The boundary's displacement, which a structural solver would compute: a share of a turn (cosine 0.96) and of a translation.
 void displace(double share, const Mesh &mesh, mesh_motion::View<const std::int64_t> moving, std::vector<double> &rows)
 {
     rows.clear();

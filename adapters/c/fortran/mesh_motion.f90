@@ -913,7 +913,7 @@ contains
       ignored = c_set_time_levels(self%handle, start, ended(scheme))
    end subroutine
 
-   ! The time at the end of the step under way, for its moves and its commit
+   ! The time at the end of the current step, for its moves and its commit
    subroutine session_time(self, time)
       class(mm_session), intent(inout) :: self
       real(c_double), intent(in) :: time

@@ -223,13 +223,13 @@ MM_API const int64_t *mm_moving_nodes(const mm_session *session, size_t *count);
 MM_API const int64_t *mm_patch_nodes(const mm_session *session, const char *name, size_t *count);
 MM_API int64_t mm_step(const mm_session *session);          /* last committed step; 0: as uploaded */
 MM_API int64_t mm_durable_step(const mm_session *session);  /* the step that survives a crash of the machine */
-MM_API int64_t mm_iteration(const mm_session *session);     /* moves of the step under way */
+MM_API int64_t mm_iteration(const mm_session *session);     /* moves of the current step */
 MM_API const char *mm_state(const mm_session *session);     /* of the last reply: READY, TRIAL … */
 MM_API const uint8_t *mm_digest(const mm_session *session); /* 32 bytes: SHA-256 of the committed state */
 /* Times, velocities and swept volumes (SPEC.md, section 25; docs/velocities.md). Before mm_open: the time of the mesh as
  * it is uploaded, seconds (0), and the scheme whose earlier levels each commit stores: "" (none), "bdf2" or "bossak". */
 MM_API mm_result mm_set_time_levels(mm_session *session, double start, const char *scheme);
-/* The time at the end of the step under way, for its moves and its commit; set it again for each step. A commit is
+/* The time at the end of the current step, for its moves and its commit; set it again for each step. A commit is
  * refused if its time differs from that of its last move. */
 MM_API mm_result mm_set_time(mm_session *session, double time);
 /* The scheme of the velocities in the answers to moves, from now on: "" (none), "tangent", "bdf1", "bdf2" or

@@ -53,7 +53,7 @@ private:
     std::size_t size_;
 };
 
-/// What the server reported, by path: report.number("quality.corrected.metric.min").
+/// The server's report, by path: report.number("quality.corrected.metric.min").
 class Report
 {
 public:

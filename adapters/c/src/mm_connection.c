@@ -1,6 +1,6 @@
 /* One connection: a DEALER socket and its monitor.
  *
- * libzmq restores a broken connection without a message, and the requests that were under way are lost. So the monitor
+ * libzmq restores a broken connection without a message, and requests without a reply are lost. So the monitor
  * reports each end of a connection.
  */
 #define _POSIX_C_SOURCE 200809L

@@ -13,7 +13,7 @@
 
 #define AGENT "mesh_motion_c " MM_VERSION
 
-/* Only used if standard error is open: otherwise the program may use its descriptor for another file. */
+/* Do not call it if standard error is closed: the program may use its descriptor for another file. */
 static void warn_on_standard_error(void *unused, const char *line)
 {
     (void)unused;

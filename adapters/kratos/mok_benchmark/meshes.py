@@ -78,7 +78,7 @@ def fluid_mesh(geometry: Callable[[Any], dict[str, list[int]]]) -> FluidMesh:
 
 
 def _geometry(gmsh: Any, wall_nodes: int, coarsest: float) -> dict[str, list[int]]:
-    """The channel in Gmsh's model; its lines by part."""
+    """Make the channel in Gmsh's model; return its lines by part."""
     occ = gmsh.model.geo
     left, right = WALL
     finest = WALL_HEIGHT / wall_nodes

@@ -48,7 +48,7 @@ class _InThread(Generic[Inner]):
 
     def __getattr__(self, name: str) -> NoReturn:
         kind = type(self).__name__
-        where = f": read inner.{name}, while no call is under way" if hasattr(vars(self).get("inner"), name) else ""
+        where = f": read inner.{name}, while no call runs" if hasattr(vars(self).get("inner"), name) else ""
         raise AttributeError(f"the asynchronous {kind} has no {name!r}{where}", name=name, obj=self)
 
 
@@ -159,7 +159,7 @@ class Session(_InThread[session.Session]):
     Attributes
     ----------
     inner : mesh_motion_client.Session
-        The session itself, for its attributes, as ``inner.moving_nodes``; read them while no call is under way.
+        The session itself, for its attributes, as ``inner.moving_nodes``; read them while no call runs.
     """
 
     move = _awaited(session.Session.move)

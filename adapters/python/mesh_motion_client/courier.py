@@ -17,17 +17,7 @@ from typing import Any, TypeVar
 
 from mesh_motion_protocol.digests import request_digest
 from mesh_motion_protocol.errors import MeshMotionError, SessionError, StepsLost, Timeout, Unavailable
-from mesh_motion_protocol.messages import (
-    Join,
-    Joined,
-    Message,
-    Move,
-    Probe,
-    Probed,
-    Resume,
-    Resumed,
-    SessionMessage,
-)
+from mesh_motion_protocol.messages import Join, Joined, Message, Move, Probe, Probed, Resume, Resumed, SessionMessage
 
 from mesh_motion_client.connection import Connection, ConnectionLost, DamagedReply, check_process, seconds_left, turn
 from mesh_motion_client.control import Control

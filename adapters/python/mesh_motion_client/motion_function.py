@@ -38,7 +38,7 @@ class MotionFunction:
         if session.derivatives is False:
             raise InvalidInput(
                 "the session's method has no derivatives",
-                hint="session.tangent names the key; docs/derivatives.md lists what has none",
+                hint="session.tangent names the key; docs/derivatives.md lists what has no derivative",
             )
         self.session = session
         self._latest: tuple[Array, Moved] | None = None

@@ -12,18 +12,7 @@ from typing import Any, Self
 
 from mesh_motion_protocol import __version__
 from mesh_motion_protocol.errors import InvalidInput, MeshMotionError, SessionError, Timeout, Unavailable
-from mesh_motion_protocol.messages import (
-    Hello,
-    List,
-    Listed,
-    Open,
-    Opened,
-    Probe,
-    Probed,
-    Resume,
-    Resumed,
-    Welcome,
-)
+from mesh_motion_protocol.messages import Hello, List, Listed, Open, Opened, Probe, Probed, Resume, Resumed, Welcome
 from mesh_motion_protocol.shared_memory import FEATURE, SUPPORTED
 
 from mesh_motion_client.connection import ConnectionLost, seconds_left

@@ -153,11 +153,7 @@ def _check_fields(values: dict[str, Any], specs: Sequence[FieldSpec], *, finite:
 
 
 def _decode_arrays(
-    declared: Any,
-    frames: Sequence[Buffer],
-    schema: MessageSchema,
-    message_bytes: int,
-    memory: SharedMemory | None,
+    declared: Any, frames: Sequence[Buffer], schema: MessageSchema, message_bytes: int, memory: SharedMemory | None
 ) -> dict[str, Any]:
     """Match declarations with the arrays of the class, and frames with declarations."""
     check_value(declared, _DECLARATIONS, finite=True)

@@ -308,7 +308,7 @@ class Correct(SessionMessage):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Corrected(Message):
-    """Where the correction puts nodes, or a larger region that it takes."""
+    """The displacements of corrected nodes, or the larger region that the correction needs."""
 
     type: ClassVar[str] = "CORRECTED"
     step: int  # as asked

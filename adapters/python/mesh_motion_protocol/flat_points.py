@@ -13,6 +13,6 @@ _ROUNDING = 1e-6
 
 
 def is_flat(points: NDArray[Any], dimension: int) -> bool:
-    """Whether the coordinates of points (n, 1 to 3) beyond the cells' ``dimension`` are constant, but for rounding."""
+    """Whether the coordinates of points (n, 1 to 3) beyond the cells' ``dimension`` differ by rounding only."""
     extents = np.ptp(points, axis=0)
     return not (extents[dimension:] > _ROUNDING * extents.max()).any()

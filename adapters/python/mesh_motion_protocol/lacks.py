@@ -13,5 +13,5 @@ _WAYS_OUT = {
 
 
 def way_out_of(error: OSError, otherwise: str) -> str:
-    """What to do about an error: for those that are none of the disk their own, else the given way out."""
+    """The hint for an error: its own for a lack of files, processes or memory, otherwise the given one."""
     return _WAYS_OUT.get(error.errno or 0, otherwise)

@@ -22,7 +22,7 @@ __all__ = ["climbed", "shortest"]
 
 Floats = NDArray[np.float64]
 
-_METRIC = PNorm(1, 1e6, of="cells")  # log(1/size-skew), but for the rounding of |log τ|
+_METRIC = PNorm(1, 1e6, of="cells")  # log(1/size-skew), apart from the rounding of |log τ|
 _WINDOW, _STEP = 1.35, 0.05  # cells up to so much better than the worst; first Δ, of the shortest reference edge
 _PROMISE = 1e-5  # relative: less is not worth a programme
 

@@ -23,7 +23,7 @@ from docs.studies.study import Cell, Outcome, Picture, Study, Table
 
 Floats = NDArray[np.float64]
 
-#: Where the body's nodes (k, d) are after a share of a motion of some size.
+#: Positions of the body's nodes (k, d) after a share of a motion of some size.
 Path = Callable[[Floats, float], Floats]
 
 

@@ -19,7 +19,7 @@ def along(kind: str, places: Any) -> Any:
 
 
 def run(quick: bool) -> Outcome:
-    """Where each is largest."""
+    """The place at which each is largest."""
     del quick
     places = np.linspace(0.0, 1.0, 20_001)
     rows = []

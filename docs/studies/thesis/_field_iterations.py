@@ -17,7 +17,6 @@ from mesh_motion_numerics.correction.enrichment.explicit_iterations import (
     Trial,
     explicit_iterations,
 )
-from mesh_motion_numerics.correction.enrichment.placement import worst_cell
 from mesh_motion_numerics.interpolation import evaluation
 from mesh_motion_numerics.interpolation.interpolant import Factorization
 from mesh_motion_numerics.interpolation.two_scale.interpolant import AnyInterpolant
@@ -94,7 +93,7 @@ class FieldTrial(Trial):
     def judged(self) -> Iterate:
         p = self.problem
         found = predict(self._predictor, p.start, p.cells, p.reference_sizes, self._field).metric(self.settings.metric)
-        worst = worst_cell(found)
+        worst = int(np.argmin(found))
         return Iterate(float(found[worst]), float(self.actual().min()), worst)
 
     def gradient(self, cell: int, centre: Floats) -> Floats:

@@ -78,7 +78,7 @@ def _the_zones(root: Node, name: str) -> tuple[Node, list[Node]]:
     if not root.children("CGNSBase_t"):
         raise InvalidInput(
             f"{root.path}: it has no base (CGNSBase_t): not a CGNS file",
-            hint="meshio's .cgns is none: let meshio write another format, for example .vtu",
+            hint="meshio's .cgns has none: let meshio write another format, for example .vtu",
         )
     base = root.only("CGNSBase_t", "bases")
     zones = {zone.name: zone for zone in base.children("Zone_t")}

@@ -230,11 +230,7 @@ def _runs_22(values: Values, count: int) -> Iterator[tuple[int, int, Integers]]:
 
 
 _READERS_41 = {b"Entities": _read_entities_41, b"Nodes": _read_nodes_41, b"Elements": _read_elements_41}
-_READERS_22 = {
-    b"Nodes": _read_nodes_22,
-    b"ParametricNodes": _read_parametric_nodes_22,
-    b"Elements": _read_elements_22,
-}
+_READERS_22 = {b"Nodes": _read_nodes_22, b"ParametricNodes": _read_parametric_nodes_22, b"Elements": _read_elements_22}
 #: Sections without nodes, cells and groups.
 _OTHER_SECTIONS = {
     b"Comments",

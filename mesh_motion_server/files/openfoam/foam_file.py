@@ -177,7 +177,7 @@ class FoamFile:
         if self.body[place : place + 1] != b"(" or self.body[end : end + 1] != b")":
             raise self.refused(
                 f"a binary list of {count} entries of {width} × {dtype.itemsize} bytes does not end where it should: "
-                f"the file is cut, or its header's 'arch' is wrong",
+                f"the file is cut, or its header's 'arch' is wrong"
             )
         values = np.frombuffer(self.body, dtype, count * width, place + 1)
         return values.reshape(count, width), end + 1

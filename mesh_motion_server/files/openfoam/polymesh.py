@@ -48,11 +48,7 @@ def read_polymesh(path: Path) -> MeshFile:
 
 
 def _mesh(
-    path: Path,
-    points: np.ndarray,
-    cells: dict[str, Integers],
-    nodes: dict[str, Integers],
-    marked: dict[str, str],
+    path: Path, points: np.ndarray, cells: dict[str, Integers], nodes: dict[str, Integers], marked: dict[str, str]
 ) -> MeshFile:
     """The mesh; ``nodes`` has the face nodes of each patch, with repeats."""
     patches = {name: np.unique(of) for name, of in nodes.items()}

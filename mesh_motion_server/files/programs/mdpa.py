@@ -151,7 +151,7 @@ def _mesh(path: Path, found: _Content) -> MeshFile:
         if part.has_elements or any(geometries[number][0] == dimension for number in part.geometries):
             with_cells.add(name)
         nodes = np.unique(np.concatenate(of_part))
-        # a part of all nodes gives them a condition or a material, but for both sides of one layer of elements
+        # a part of all nodes gives them a condition or a material, except both sides of one layer of elements
         whole = len(nodes) == len(points) and not all_outside(elements, len(points))
         if len(nodes) and not whole:
             patches[name] = rows(nodes, f"sub-model part {name!r}: node")

@@ -32,7 +32,7 @@ _CELLS = (
 )
 #: FUN3D's conditions: symmetry in x, y, z, or in any plane.
 _SYMMETRY = range(6660, 6664)
-#: What stands for the byte order and precision, and the ending.
+#: The letters for byte order and precision, and the ending.
 _ENDING = re.compile(r"(\.l?[bru][48])?\.ugrid$")
 
 

@@ -25,13 +25,7 @@ _ALIGNED = {8: ("quad", [0, 1, 3, 2]), 11: ("hexahedron", [0, 1, 3, 2, 4, 5, 7, 
 _BOX = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)]
 _VERTICES = (0, 1, 2)  # no cell, a vertex, several vertices
 POLYGON, POLYHEDRON = 7, 42
-_OTHERS = {
-    4: "polylines",
-    6: "triangle strips",
-    POLYGON: "polygons",
-    41: "polygons",
-    POLYHEDRON: "polyhedra",
-}
+_OTHERS = {4: "polylines", 6: "triangle strips", POLYGON: "polygons", 41: "polygons", POLYHEDRON: "polyhedra"}
 
 
 def _ranges(first: Integers, sizes: Integers) -> Integers:

@@ -55,7 +55,7 @@ def read_hdf(path: Path) -> list[VtkGrid]:
 
 
 def move_hdf(source: Path, target: Path, points: Floats) -> None:
-    """Write the file with other coordinates of the points of its first step."""
+    """Write a copy of the file in which the points of the first step have other coordinates."""
     with copied_hdf5(source, target) as file:
         listed = file["VTKHDF/Points"]
         if len(file["VTKHDF/NumberOfPoints"]) > 1:

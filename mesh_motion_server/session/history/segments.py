@@ -33,8 +33,8 @@ class Slow(Exception):
 def list_segments(folder: Path, kind: str) -> list[Path]:
     """The segments of a kind, oldest first; empty without a folder.
 
-    A link or a folder of such a name is none, nor is a pipe: opening it would take for ever. Raises OSError if the disk
-    fails, which must not count as a missing folder.
+    Links, folders and pipes with such a name are left out; to open a pipe would take for ever. Raises OSError if the
+    disk fails, which must not count as a missing folder.
     """
     pattern = re.compile(rf"{kind}-[0-9]{{8}}\.(jsonl|bin)")
     try:
@@ -46,7 +46,7 @@ def list_segments(folder: Path, kind: str) -> list[Path]:
 
 
 def _is_regular(entry: os.DirEntry[str]) -> bool:
-    """Whether an entry of a folder is a regular file; one that was removed meanwhile is none."""
+    """Whether an entry of a folder is a regular file, and was not removed meanwhile."""
     try:
         return stat.S_ISREG(entry.stat(follow_symlinks=False).st_mode)
     except FileNotFoundError:

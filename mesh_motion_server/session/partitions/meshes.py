@@ -14,10 +14,11 @@ from mesh_motion_numerics.arrays import Floats, Integers
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.mesh.points import bounding_box, marks_at
 from mesh_motion_numerics.mesh.roles import Patch
-from mesh_motion_numerics.motion.exact_displacements import differences_of
 from mesh_motion_protocol.errors import InvalidInput
 from mesh_motion_protocol.shared_nodes import Torn, united
 from numpy.typing import NDArray
+
+from mesh_motion_server.session.partitions.exact_displacements import differences_of
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,11 +18,7 @@ from typing import Any
 import uvicorn
 
 from mesh_motion_server.transport.channel import Channel
-from mesh_motion_server.transport.processes import (
-    limit_address_space,
-    limit_descriptors,
-    offer_to_the_oom_killer,
-)
+from mesh_motion_server.transport.processes import limit_address_space, limit_descriptors, offer_to_the_oom_killer
 from mesh_motion_server.transport.telemetry import configure, log, log_suppressed
 from mesh_motion_server.watch.page.app import Page
 from mesh_motion_server.watch.page.connections import BoundedProtocol

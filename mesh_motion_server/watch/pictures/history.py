@@ -120,10 +120,7 @@ def _draw_several(axes: Any, runs: Sequence[Run], page: Page) -> None:
     """Draw minimum and mean of each run."""
     theme = page.theme
     for number, run in enumerate(runs):
-        style = {
-            "color": theme.runs[number % len(theme.runs)],
-            "linestyle": theme.dashes[number % len(theme.dashes)],
-        }
+        style = {"color": theme.runs[number % len(theme.runs)], "linestyle": theme.dashes[number % len(theme.dashes)]}
         _line(axes, run.step, run.columns["actual_mean"], **style, linewidth=0.7, alpha=0.75)
         _line(axes, run.step, run.columns["actual_min"], **style, label=_shown(run.label), **_marks(run.step))
     axes.plot([], [], color=theme.ink, linewidth=0.7, alpha=0.75, label="mean (thin)")

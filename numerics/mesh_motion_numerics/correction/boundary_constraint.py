@@ -18,29 +18,20 @@ from mesh_motion_numerics.correction.free_region import FreeRegion
 from mesh_motion_numerics.correction.linked_unknowns import LinkedUnknowns, StepSolver, System
 from mesh_motion_numerics.correction.outward_facets import OutwardFacets
 from mesh_motion_numerics.mesh.periodic_nodes import PeriodicNodes
-from mesh_motion_numerics.mesh.roles import SLIDING_ROLES, Patch
+from mesh_motion_numerics.mesh.points import marks_at, rows_among
+from mesh_motion_numerics.mesh.roles import SLIDING_ROLES, Patch, nodes_with
 from mesh_motion_numerics.mesh.sliding import SlidingSurfaces
 from mesh_motion_numerics.mesh.surface_constraints import OnFacets, OnPlanes, OnPrism
 
 
 @dataclass(frozen=True, eq=False)
 class BoundaryConstraint:
-    """The constraint of the boundary nodes of a mesh.
+    """The constraint of the boundary nodes of a mesh."""
 
-    Attributes
-    ----------
-    released : (n,) bool array
-        Nodes that may move.
-    sliding : SlidingSurfaces or None
-        Surfaces of the sliding nodes.
-    facets : OutwardFacets
-        Facets of the sliding patches.
-    """
-
-    released: Marks
-    sliding: SlidingSurfaces | None
+    released: Marks  # (n,). Nodes that may move
+    sliding: SlidingSurfaces | None  # Surfaces of the sliding nodes
     periodic: PeriodicNodes | None
-    facets: OutwardFacets
+    facets: OutwardFacets  # Facets of the sliding patches
 
     @classmethod
     def build(
@@ -62,12 +53,8 @@ class BoundaryConstraint:
         surfaces : dict of (p,) int64 arrays
             The nodes of the :func:`.whole_walls`.
         """
-        released = np.zeros(len(points), dtype=bool)
-        if periodic is not None:
-            released[periodic.members] = True
-        for patch in patches.values():
-            if patch.role in ("moving", "fixed", *SLIDING_ROLES):
-                released[patch.nodes] = False
+        released = marks_at(len(points), *(() if periodic is None else (periodic.members,)))
+        released[nodes_with(patches, ("moving", "fixed", *SLIDING_ROLES))] = False
         if sliding is not None:
             released[sliding.nodes] = sliding.freedom() > 0
         released &= ~_on_other_facets(len(points), facets, patches, surfaces)
@@ -89,9 +76,7 @@ class BoundaryConstraint:
         if sliding is not None:
             planes = [(rows, s.straight if isinstance(s, OnFacets | OnPrism) else s) for rows, s in sliding.groups]
             sliding = replace(sliding, groups=tuple((rows, s) for rows, s in planes if isinstance(s, OnPlanes)))
-            constant = np.zeros(len(sliding.nodes), dtype=bool)
-            for rows, _ in sliding.groups:
-                constant[rows] = True
+            constant = marks_at(len(sliding.nodes), *(rows for rows, _ in sliding.groups))
             released[sliding.nodes[~constant]] = False
             sliding = sliding.of(constant)
         if self.periodic is not None:
@@ -136,13 +121,10 @@ class BoundaryConstraint:
 
     def of(self, region: FreeRegion) -> RegionConstraint | None:
         """Return the constraint of a region's free nodes; None if all of them may move freely."""
-        free = np.zeros(len(self.released), dtype=bool)
-        free[region.free] = True
-        free &= self.released
+        free = marks_at(len(self.released), region.free) & self.released
         if not free.any():
             return None
-        local = np.full(len(free), -1, dtype=np.int64)
-        local[region.nodes] = np.arange(len(region.nodes))
+        local = rows_among(len(free), region.nodes)
         representatives, orbits = np.arange(region.n_free), None
         if self.periodic is not None:
             orbits = self.periodic.of(free[self.periodic.members])
@@ -231,17 +213,13 @@ class RegionConstraint:
 
 def _torn(released: Marks, periodic: PeriodicNodes) -> Marks:
     """(n,) periodic nodes with an image that is not released."""
-    members = np.zeros(len(released), dtype=bool)
-    members[periodic.members] = True
-    return periodic.closed(members & ~released)
+    return periodic.closed(marks_at(len(released), periodic.members) & ~released)
 
 
 def _sliding_on_axis(periodic: PeriodicNodes, sliding: SlidingSurfaces | None) -> Marks:
     """(n,) nodes on an axis of rotation that also slide: they stay held, because no node has both constraints."""
-    found = np.zeros(len(periodic.reference), dtype=bool)
-    if sliding is not None:
-        found[np.intersect1d(periodic.members[periodic.on_axis], sliding.nodes)] = True
-    return found
+    on_axis = periodic.members[periodic.on_axis]
+    return marks_at(len(periodic.reference), *(() if sliding is None else (np.intersect1d(on_axis, sliding.nodes),)))
 
 
 def _on_other_facets(
@@ -249,12 +227,5 @@ def _on_other_facets(
 ) -> Marks:
     """(n,) nodes with a boundary facet that belongs to no sliding and no periodic patch."""
     sides = [*surfaces.values(), *(patch.nodes for patch in patches.values() if patch.role == "periodic")]
-    found = np.zeros(n, dtype=bool)
-    for rows in facets.values():
-        other = np.ones(len(rows), dtype=bool)
-        for nodes in sides:
-            inside = np.zeros(n, dtype=bool)
-            inside[nodes] = True
-            other &= ~inside[rows].all(axis=1)
-        found[rows[other]] = True
-    return found
+    marks = [marks_at(n, nodes) for nodes in sides]
+    return marks_at(n, *(rows[~np.any([own[rows].all(axis=1) for own in marks], axis=0)] for rows in facets.values()))

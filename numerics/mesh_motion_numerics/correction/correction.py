@@ -28,12 +28,7 @@ from mesh_motion_protocol.errors import QualityRefused
 
 from mesh_motion_numerics.arrays import Floats
 from mesh_motion_numerics.blas import one_blas_thread
-from mesh_motion_numerics.correction.correction_problem import (
-    SMALL_MESH,
-    CorrectionProblem,
-    goal,
-    target_quality,
-)
+from mesh_motion_numerics.correction.correction_problem import SMALL_MESH, CorrectionProblem, goal, target_quality
 from mesh_motion_numerics.correction.enrichment.coefficients import optimised_enrichment, optimised_placement
 from mesh_motion_numerics.correction.enrichment.explicit_iterations import ExplicitSettings, explicit_iterations
 from mesh_motion_numerics.correction.enrichment.imposed_gradient import ImposedGradient, enriched_displacement
@@ -43,10 +38,11 @@ from mesh_motion_numerics.correction.enrichment.space import EnrichmentSpace
 from mesh_motion_numerics.correction.equal_stretch import equal_stretch
 from mesh_motion_numerics.correction.free_region import cells_of_nodes
 from mesh_motion_numerics.correction.part_of_mesh import Elsewhere
-from mesh_motion_numerics.correction.trial_nodes import Polished, Stage, TrialMesh, polish, reach, signed
+from mesh_motion_numerics.correction.trial_nodes import Polished, TrialMesh, polish, reach, signed
 from mesh_motion_numerics.interpolation.kernels import basis_named, checked_radius
 from mesh_motion_numerics.method import Method
 from mesh_motion_numerics.quality.metrics import CellQuality
+from mesh_motion_numerics.quality.quality_summary import smallest
 
 _WORST = 10  # number of cells that a refusal names
 #: A large mesh is raised to this multiple of the threshold if that is cheap: it leaves a margin for the next step.
@@ -57,35 +53,17 @@ _NOTICED = 1.01
 
 @dataclass(frozen=True, eq=False)
 class Correction:
-    """The result of the correction.
+    """The result of the correction."""
 
-    Attributes
-    ----------
-    points : (n, d) array, mesh length unit
-        Corrected trial positions.
-    enrichment_points : (K, d) array, mesh length unit
-    freed_nodes : int
-        Number of trial nodes that moved individually.
-    history : tuple of Stage
-        The stages of the minimisation, if nodes were freed.
-    method : str
-        "none" if the standard motion was not changed, otherwise the correction.
-    minimum : float
-        Smallest quality of all cells; negative where a cell is inverted (only with correction "none").
-    reached : bool
-        Whether the minimum is at or above the threshold.
-    quality : CellQuality or None
-        Quality of every cell at ``points``; None if only the minimum was needed and known.
-    """
-
-    points: Floats
-    enrichment_points: Floats
-    freed_nodes: int = 0
+    points: Floats  # (n, d), mesh length unit. Corrected trial positions
+    enrichment_points: Floats  # (K, d), mesh length unit
+    freed_nodes: int = 0  # Number of trial nodes that moved individually
     iterations: int = 0
-    history: tuple[Stage, ...] = ()
-    method: str = "none"
+    method: str = "none"  # "none" if the standard motion was not changed, otherwise the correction
+    #: Smallest quality of all cells; negative where a cell is inverted (only with correction "none").
     minimum: float = float("nan")
-    reached: bool = False
+    reached: bool = False  # Whether the minimum is at or above the threshold
+    #: Quality of every cell at ``points``; None if only the minimum was needed and known.
     quality: CellQuality | None = None
     warnings: tuple[str, ...] = ()
 
@@ -93,20 +71,17 @@ class Correction:
 def correct(problem: CorrectionProblem, method: Method) -> Correction:
     """Correct a predicted motion if it is below the threshold.
 
+    Raises QualityRefused if no valid mesh was found; carries the best minimum quality found and the worst cells.
+
     Parameters
     ----------
     method : Method
         The method, with its enrichment radius set.
-
-    Raises
-    ------
-    QualityRefused
-        If no valid mesh was found; carries the best minimum quality found and the worst cells.
     """
     p = problem
     reference = p.start if p.reference is None else p.reference
     mesh = TrialMesh(reference, p.cells, p.reference_sizes, p.held, method.quality_metric, elsewhere=p.elsewhere)
-    unchanged = _without_points(problem, p.begin)
+    unchanged = Correction(p.begin, p.begin[:0])
     if p.known is not None and p.valid is None and (method.correction == "none" or p.known >= goal(method)):
         return _judged(unchanged, method, p.known)
     before = mesh.cell_quality(p.begin)
@@ -129,17 +104,6 @@ def correct(problem: CorrectionProblem, method: Method) -> Correction:
     return _judged(replace(found, method=method.correction), method, float(corrected.min()), after)
 
 
-def _without_points(problem: CorrectionProblem, points: Floats) -> Correction:
-    """The positions (n, d), found without an enrichment point."""
-    return Correction(points, np.empty((0, problem.start.shape[1])))
-
-
-def _freed(problem: CorrectionProblem, found: Polished) -> Correction:
-    """Return the result of freeing nodes."""
-    freed = _without_points(problem, found.points)
-    return replace(freed, freed_nodes=found.freed, iterations=found.iterations, history=found.history)
-
-
 def _judged(found: Correction, method: Method, minimum: float, quality: CellQuality | None = None) -> Correction:
     """Return the correction, with the smallest quality of its mesh."""
     return replace(found, minimum=minimum, reached=minimum >= method.quality_threshold, quality=quality)
@@ -147,7 +111,7 @@ def _judged(found: Correction, method: Method, minimum: float, quality: CellQual
 
 def _refusal(quality: Floats, method: Method) -> QualityRefused:
     """The error for a mesh that stays invalid, with its quality (m,)."""
-    worst = np.argsort(quality, kind="stable")[:_WORST]
+    worst = smallest(quality, _WORST)
     inverted = int(np.count_nonzero(~(quality > 0.0)))
     return QualityRefused(
         f"no valid mesh found: {inverted} inverted cells, best minimum {method.quality_metric} "
@@ -162,7 +126,8 @@ def _optimised(problem: CorrectionProblem, method: Method, mesh: TrialMesh, qual
     """Free trial nodes: all nodes for the maximum, a growing region for the threshold."""
     if problem.start.shape[1] == 1:
         freed = int(np.count_nonzero(~mesh.held))
-        return replace(_without_points(problem, equal_stretch(problem.begin, mesh)), freed_nodes=freed)
+        points = equal_stretch(problem.begin, mesh)
+        return Correction(points, points[:0], freed)
     found = _with_trial_nodes(problem, method, mesh.released(problem.constraint), quality)
     walls = problem.constraint if problem.constraint is not None and problem.constraint.sliding is not None else None
     if found is not None and walls is not None and found.minimum < method.quality_threshold:
@@ -170,7 +135,9 @@ def _optimised(problem: CorrectionProblem, method: Method, mesh: TrialMesh, qual
         held = mesh.released(walls.with_walls_held())
         alone = _with_trial_nodes(problem, method, held, quality) or found
         found = max(found, alone, key=lambda one: one.minimum)
-    return _without_points(problem, problem.begin) if found is None else _freed(problem, found)
+    if found is None:
+        return Correction(problem.begin, problem.begin[:0])
+    return Correction(found.points, found.points[:0], found.freed, found.iterations)
 
 
 def _with_trial_nodes(problem: CorrectionProblem, method: Method, mesh: TrialMesh, quality: Floats) -> Polished | None:
@@ -219,7 +186,7 @@ def _could_be_valid(mesh: TrialMesh, quality: Floats) -> bool:
 def _enrichment(problem: CorrectionProblem, method: Method, mesh: TrialMesh, quality: Floats) -> Correction:
     """Enrichment points with all coefficients optimised."""
     if method.max_enrichment_points == 0:
-        return _without_points(problem, problem.standard)
+        return Correction(problem.standard, problem.standard[:0])
     p, count, radius = problem, method.max_enrichment_points, _radius(method)
     placement = optimised_placement(p.start, p.cells, quality, count=count, radius=radius)
     space = EnrichmentSpace(placement, p.factorization)

@@ -20,51 +20,24 @@ _VALID = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class CorrectionProblem:
-    """A predicted motion.
+    """A predicted motion."""
 
-    Attributes
-    ----------
-    start : (n, d) array, mesh length unit
-        Positions from which the standard motion starts.
-    standard : (n, d) array, mesh length unit
-        Node positions of the standard motion.
-    held : (n,) bool array
-        Nodes that no correction may move.
-    reference_sizes : (m,) array, length^d, or CellsAtRest
-    factorization : Factorization
-        The factorization of the boundary at ``start``.
-    reference : (n, d) array, mesh length unit, optional
-        Nodes of the reference mesh, the ideal shape of cells that are not simplices; ``start`` by default.
-    constraint : BoundaryConstraint, optional
-        Held nodes that ``optimised`` may move: along their surface, or in pairs.
-    valid : (n, d) array, mesh length unit, optional
-        A valid mesh with the held nodes of ``standard``, if one is known: ``optimised`` begins from it instead of
-        untangling ``standard``, and the other corrections do not change it.
-    known : float, optional
-        Smallest quality of ``standard``, if it was already judged and no cell is inverted.
-    last : (n, d) array, mesh length unit, optional
-        Positions at the end of the last step; ``start`` by default.
-    elsewhere : Elsewhere, optional
-        The rest of the mesh, if this is a region of it; for target "threshold" only.
-    """
-
-    start: Floats
-    standard: Floats
-    held: Marks
+    start: Floats  # (n, d), mesh length unit. Positions from which the standard motion starts
+    standard: Floats  # (n, d), mesh length unit. Node positions of the standard motion
+    held: Marks  # (n,). Nodes that no correction may move
     cells: CellTable
-    reference_sizes: AtRest
-    factorization: Factorization
+    reference_sizes: AtRest  # (m,), length^d, or CellsAtRest
+    factorization: Factorization  # The factorization of the boundary at ``start``
+    #: (n, d), mesh length unit. Nodes of the reference mesh, the ideal shape of cells that are not simplices; ``start``
+    #: by default.
     reference: Floats | None = None
+    #: Held nodes that ``optimised`` may move: along their surface, or in pairs.
     constraint: BoundaryConstraint | None = None
+    #: (n, d), mesh length unit. A valid mesh with the held nodes of ``standard``, if one is known: ``optimised`` begins
+    #: from it instead of untangling ``standard``, and the other corrections do not change it.
     valid: Floats | None = None
-    known: float | None = None
-    last: Floats | None = None
-    elsewhere: Elsewhere | None = None
-
-    @property
-    def committed(self) -> Floats:
-        """Positions (n, d) at the end of the last step."""
-        return self.start if self.last is None else self.last
+    known: float | None = None  # Smallest quality of ``standard``, if it was already judged and no cell is inverted
+    elsewhere: Elsewhere | None = None  # The rest of the mesh, if this is a region of it; for target "threshold" only
 
     @property
     def begin(self) -> Floats:

@@ -15,6 +15,7 @@ import numpy as np
 
 from mesh_motion_numerics.arrays import Floats, Integers
 from mesh_motion_numerics.correction.free_region import NodeAdjacency
+from mesh_motion_numerics.mesh.points import rows_among
 
 StepSolver = Callable[[NodeAdjacency, Floats, Floats], Floats]
 """(adjacency, Hessian blocks (b, d, d), −g (f, d)) → step (f, d)."""
@@ -24,23 +25,13 @@ System = Callable[[NodeAdjacency, Floats], Callable[[Floats], Floats]]
 
 @dataclass(frozen=True, eq=False)
 class LinkedUnknowns:
-    """The links of a region's free nodes.
+    """The links of a region's free nodes."""
 
-    Attributes
-    ----------
-    targets : (f,) int64 array
-        Number of each free node's representative among the r representatives.
-    roots : (r,) int64 array
-        The representatives among the free nodes, ascending.
-    adjacency : NodeAdjacency
-        The representatives' Hessian pattern; it has no corners of its own.
-    rows, columns, slots : (b,) int64 arrays
-        Free nodes of each block of their Hessian, and its position among the representatives' blocks.
-    """
-
-    targets: Integers
-    roots: Integers
-    adjacency: NodeAdjacency
+    targets: Integers  # (f,). Number of each free node's representative among the r representatives
+    roots: Integers  # (r,). The representatives among the free nodes, ascending
+    adjacency: NodeAdjacency  # The representatives' Hessian pattern; it has no corners of its own
+    #: rows, columns, slots: (b,). Free nodes of each block of their Hessian, and its position among the
+    #: representatives' blocks.
     rows: Integers
     columns: Integers
     slots: Integers
@@ -49,9 +40,7 @@ class LinkedUnknowns:
     def build(cls, adjacency: NodeAdjacency, representatives: Integers) -> LinkedUnknowns:
         """Link the free nodes: each follows the free node in ``representatives`` (f,), possibly itself."""
         roots = np.flatnonzero(representatives == np.arange(len(representatives)))
-        number = np.full(len(representatives), -1, dtype=np.int64)
-        number[roots] = np.arange(len(roots))
-        targets = number[representatives]
+        targets = rows_among(len(representatives), roots)[representatives]
         order = np.argsort(targets, kind="stable")
         starts, columns, slots = kernels.linked_pattern(
             adjacency.row_starts, adjacency.columns, targets, order, len(roots)

@@ -28,20 +28,11 @@ class RegionTooSmall(Exception):
 
 @dataclass(frozen=True, eq=False)
 class Elsewhere:
-    """The rest of a mesh.
+    """The rest of a mesh."""
 
-    Attributes
-    ----------
-    rim : (n,) bool array
-        Nodes of the region that have cells elsewhere.
-    free : int
-        Number of nodes elsewhere that a correction might free.
-    extremes : (float, float)
-        The smallest relative skew and the smallest size of the cells elsewhere.
-    """
-
-    rim: Marks
-    free: int
+    rim: Marks  # (n,). Nodes of the region that have cells elsewhere
+    free: int  # Number of nodes elsewhere that a correction might free
+    #: (float, float). The smallest relative skew and the smallest size of the cells elsewhere.
     extremes: tuple[float, float]
 
     def require_here(self, free: Marks) -> None:

@@ -57,6 +57,7 @@ from mesh_motion_numerics.correction.free_region import free_region, gathered
 from mesh_motion_numerics.correction.part_of_mesh import Elsewhere
 from mesh_motion_numerics.correction.smooth_region import ROUGH, SmoothRegion
 from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.mesh.points import marks_at
 from mesh_motion_numerics.quality.metrics import corner_quality, reference_sizes
 from mesh_motion_numerics.stopwatch import check_time
 
@@ -86,22 +87,13 @@ def onset_of(n_nodes: int) -> float:
 
 @dataclass(frozen=True)
 class Law:
-    """The resistance ψ of a cell.
+    """The resistance ψ of a cell."""
 
-    Attributes
-    ----------
-    onset : float
-        Distortion at which a cell begins to resist.
-    stiffness, power : float
-        k and K.
-    norm : PNorm
-        Weight and sharpness of the size in f.
-    """
-
-    onset: float = -math.log(_ONSET)
+    onset: float = -math.log(_ONSET)  # Distortion at which a cell begins to resist
+    #: stiffness, power: k and K
     stiffness: float = 15.0
     power: float = 5.0
-    norm: PNorm = field(default_factory=lambda: PNorm(1.0, 16.0))
+    norm: PNorm = field(default_factory=lambda: PNorm(1.0, 16.0))  # Weight and sharpness of the size in f
 
     @classmethod
     def of(cls, n_nodes: int) -> Law:
@@ -131,48 +123,26 @@ class Law:
 
 @dataclass(frozen=True, eq=False)
 class Smoothed:
-    """A corrected motion.
+    """A corrected motion."""
 
-    Attributes
-    ----------
-    points : (n, d) array, mesh length unit
-    freed : int
-        Number of nodes that were free.
-    converged : bool
-        Whether the iterations ended at the minimum.
-    residual : float, mesh length unit
-        The last Newton step's largest displacement of a node.
-    """
-
-    points: Floats
-    freed: int = 0
+    points: Floats  # (n, d), mesh length unit
+    freed: int = 0  # Number of nodes that were free
     iterations: int = 0
-    converged: bool = True
-    residual: float = 0.0
+    converged: bool = True  # Whether the iterations ended at the minimum
+    residual: float = 0.0  # mesh length unit. The last Newton step's largest displacement of a node
 
 
 @dataclass(eq=False)
 class SmoothMotion:
-    """The correction of one mesh; its result depends on the plain motion only.
+    """The correction of one mesh; its result depends on the plain motion only."""
 
-    Attributes
-    ----------
-    reference : (n, d) array, mesh length unit
-        Nodes of the reference mesh.
-    held : (n,) bool array
-        Nodes that keep their plain positions.
-    constraint : BoundaryConstraint, optional
-        The constraint of nodes that are not held but slide along planes or move together.
-    elsewhere : Elsewhere, optional
-        The rest of the mesh, if this is a region of it.
-    """
-
-    reference: Floats
+    reference: Floats  # (n, d), mesh length unit. Nodes of the reference mesh
     cells: CellTable
-    held: Marks
+    held: Marks  # (n,). Nodes that keep their plain positions
     law: Law = field(default_factory=Law)
+    #: The constraint of nodes that are not held but slide along planes or move together.
     constraint: BoundaryConstraint | None = None
-    elsewhere: Elsewhere | None = None
+    elsewhere: Elsewhere | None = None  # The rest of the mesh, if this is a region of it
     _later: SmoothMotion | None = None
     _last: tuple[bytes, SmoothRegion] | None = None  # of the latest free nodes: the next ones are often the same
 
@@ -207,6 +177,8 @@ class SmoothMotion:
     ) -> Smoothed:
         """The corrected motion.
 
+        Raises RegionTooSmall if the mesh is a region of another one, and nodes with cells elsewhere would be free.
+
         Parameters
         ----------
         plain : (n, d) array, mesh length unit
@@ -223,14 +195,7 @@ class SmoothMotion:
         -------
         Smoothed
             Not converged if the iterations could not begin because all meshes are tangled, or did not end.
-
-        Raises
-        ------
-        RegionTooSmall
-            If the mesh is a region of another one, and nodes with cells elsewhere would be free.
         """
-        if distorted is not None and not len(distorted):
-            return Smoothed(plain)
         region = self.region(plain, distorted)
         if region is None:
             return Smoothed(plain)
@@ -294,8 +259,7 @@ class SmoothMotion:
             distorted = np.flatnonzero(corner_quality(plain, self.cells, self.reference) < self.law.limit)
         if not len(distorted):
             return None
-        marked = np.zeros(len(self.cells), dtype=bool)
-        marked[distorted] = True
+        marked = marks_at(len(self.cells), distorted)
         sizes = self._sizes[marked]
         return corner_simplices(self.reference, self.cells.chosen(marked), sizes, at_rest=True, angles=True)
 

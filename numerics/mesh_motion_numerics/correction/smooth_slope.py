@@ -34,30 +34,20 @@ SAME = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class SmoothSlope:
-    """The derivative at one mesh.
-
-    Attributes
-    ----------
-    plain, points : (n, d) arrays, mesh length unit
-        The plain motion and the corrected one.
-    region : SmoothRegion or None
-        The free nodes; None if no cell resists, so that both meshes are the same.
-    """
+    """The derivative at one mesh."""
 
     motion: SmoothMotion
+    #: plain, points: (n, d), mesh length unit. The plain motion and the corrected one.
     plain: Floats
     points: Floats
-    region: SmoothRegion | None
+    region: SmoothRegion | None  # The free nodes; None if no cell resists, so that both meshes are the same
 
     @classmethod
     def build(cls, motion: SmoothMotion, plain: Floats, points: Floats) -> SmoothSlope:
         """Build the derivative at the ``points`` that the correction of the ``plain`` motion has found.
 
-        Raises
-        ------
-        QualityRefused
-            If they are not the minimum, or nodes that are not free have left the plain motion: the mesh was corrected
-            in another way.
+        Raises QualityRefused if they are not the minimum, or nodes that are not free have left the plain motion: the
+        mesh was corrected in another way.
         """
         region, extent = motion.region(plain), np.ptp(motion.reference, axis=0).max()
         made, left = cls(motion, plain, points, region), np.abs(plain - points).max(axis=1) > SAME * extent
@@ -70,7 +60,7 @@ class SmoothSlope:
             free = region.free.free
             if not np.isfinite(made._distortions).all():
                 raise not_at_minimum()
-            step = made._solved(-made._gradient)
+            step = made._solved(-made._model[0])
             if np.abs(step).max() > _AT_MINIMUM * extent:
                 raise not_at_minimum()
             points = points.copy()  # one more Newton step: the derivative is only as exact as the minimum
@@ -128,10 +118,6 @@ class SmoothSlope:
         region = self._required
         rest = self.plain[region.free.nodes]
         return self.motion.model(self._local, rest, region, self._distortions, exact=True)
-
-    @property
-    def _gradient(self) -> Floats:
-        return self._model[0]
 
     def _solved(self, right: Floats) -> Floats:
         """H⁻¹ times (f, d) in the directions in which nodes can move."""

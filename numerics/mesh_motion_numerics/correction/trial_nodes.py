@@ -72,30 +72,17 @@ class Stage(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class TrialMesh:
-    """The input of a correction: the mesh, its held nodes, and the metric that judges it.
+    """The input of a correction: the mesh, its held nodes, and the metric that judges it."""
 
-    Attributes
-    ----------
-    reference : (n, d) array, mesh length unit
-        Nodes of the reference mesh, the ideal shape of cells that are not simplices.
-    reference_sizes : (m,) array, length^d, or CellsAtRest
-    held : (n,) bool array
-        Nodes that must not move.
-    metric : str
-        One of :data:`~mesh_motion_numerics.quality.metrics.QUALITY_METRICS`.
-    constraint : BoundaryConstraint or None
-        The constraint of nodes that are not held but may move only with restrictions.
-    elsewhere : Elsewhere or None
-        The rest of the mesh, if this is a region of it.
-    """
-
+    #: (n, d), mesh length unit. Nodes of the reference mesh, the ideal shape of cells that are not simplices.
     reference: Floats
     cells: CellTable
-    reference_sizes: AtRest
-    held: Marks
-    metric: str = "size-skew"
+    reference_sizes: AtRest  # (m,), length^d, or CellsAtRest
+    held: Marks  # (n,). Nodes that must not move
+    metric: str = "size-skew"  # One of :data:`~mesh_motion_numerics.quality.metrics.QUALITY_METRICS`
+    #: The constraint of nodes that are not held but may move only with restrictions.
     constraint: BoundaryConstraint | None = None
-    elsewhere: Elsewhere | None = None
+    elsewhere: Elsewhere | None = None  # The rest of the mesh, if this is a region of it
 
     @property
     def may_move(self) -> int:
@@ -142,28 +129,16 @@ def region_quality(points: Floats, region: FreeRegion, metric: str) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class Polished:
-    """Corrected trial positions.
+    """Corrected trial positions."""
 
-    Attributes
-    ----------
-    points : (n, d) array, mesh length unit
-    minimum : float
-        Smallest quality over the mesh (in :func:`polish`: over the region); negative if the mesh stays tangled.
-    freed : int
-        Number of nodes that were free at the end.
-    forecast : float
-        Estimate of the quality after all levels, if some were skipped.
-    quality : (m,) array, of :func:`reach` only
-        The metric of every cell at ``points``.
-    """
-
-    points: Floats
+    points: Floats  # (n, d), mesh length unit
+    #: Smallest quality over the mesh (in :func:`polish`: over the region); negative if the mesh stays tangled.
     minimum: float
-    freed: int = 0
+    freed: int = 0  # Number of nodes that were free at the end
     iterations: int = 0
     history: tuple[Stage, ...] = ()
-    forecast: float = math.inf
-    quality: Floats | None = None
+    forecast: float = math.inf  # Estimate of the quality after all levels, if some were skipped
+    quality: Floats | None = None  # (m,), of :func:`reach` only. The metric of every cell at ``points``
 
 
 @dataclass(eq=False)

@@ -27,6 +27,7 @@ from mesh_motion_numerics.interpolation.two_scale.interpolant import AnyInterpol
 from mesh_motion_numerics.mesh.boundary_facets import boundary_facets, boundary_nodes
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.mesh.closest_point import are_within
+from mesh_motion_numerics.mesh.points import marks_at, rows_among
 from mesh_motion_numerics.quality.mesh_check import checked_cells, nodes_in_no_cell
 from mesh_motion_numerics.quality.metrics import WORST_CORNER, cell_quality, cells_at_rest, corner_quality
 
@@ -86,8 +87,7 @@ class Rank:
         self._sent |= chosen
         new = np.setdiff1d(np.flatnonzero(nodes_of_cells(self._cells, chosen, len(self._points))), self.nodes)
         self.extend(new)
-        row = np.empty(len(self._points), dtype=np.int64)
-        row[self.nodes] = np.arange(len(self.nodes))
+        row = rows_among(len(self._points), self.nodes)
         blocks = ((block, chosen[span]) for block, span in self._cells.numbered)
         return new, {block.type.name: row[block.nodes[own]] for block, own in blocks if own.any()}
 
@@ -111,8 +111,7 @@ class Rank:
 
     def counted(self, field: Field, weights: Floats, others: Integers) -> Floats:
         """(r, d) derivatives by a field's coefficients, for weights (n, d) without :attr:`nodes` and ``others``."""
-        own = np.ones(len(self._points), dtype=bool)
-        own[self.nodes] = own[others] = False
+        own = ~marks_at(len(self._points), self.nodes, others)
         return field.counted(self._points[own], np.ascontiguousarray(weights[own]))
 
     def region(self, field: Field, known: Floats, extent: Extent, around: Integers) -> Region:

@@ -16,6 +16,7 @@ from mesh_motion_numerics.arrays import Floats, Integers, Marks
 from mesh_motion_numerics.correction.free_region import cells_of_nodes, grow, nodes_of_cells
 from mesh_motion_numerics.distributed.judging import reading, require
 from mesh_motion_numerics.mesh.cells import CELL_TYPES, CellTable
+from mesh_motion_numerics.mesh.points import rows_among
 from mesh_motion_numerics.quality.metrics import CellQuality
 
 #: A bound above every quality: all cells are below it.
@@ -129,8 +130,7 @@ def region_fields(
     chosen = bad | cells_of_nodes(cells, marked)
     here = nodes_of_cells(cells, chosen, len(points))
     nodes = np.flatnonzero(here)
-    local = np.empty(len(points), dtype=np.int64)
-    local[nodes] = np.arange(len(nodes))
+    local = rows_among(len(points), nodes)
     rows = {block.type.name: local[block.nodes[chosen[span]]] for block, span in cells.numbered}
     return Region(
         extent,

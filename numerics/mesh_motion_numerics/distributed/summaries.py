@@ -61,11 +61,7 @@ def joined(
     }
     worst = sorted((cell for part in parts for cell in part.worst), key=lambda cell: (cell.value, cell.number))
     return QualitySummary.of(
-        found,
-        metric,
-        inverted=sum(part.inverted for part in parts),
-        cells=cells,
-        worst=tuple(worst[:WORST]),
+        found, metric, inverted=sum(part.inverted for part in parts), cells=cells, worst=tuple(worst[:WORST])
     )
 
 

@@ -26,20 +26,12 @@ def dense_block(basis: Basis, support_radius: float, rows: Floats, columns: Floa
 
 
 class _Search(NamedTuple):
-    """The data to find the centres near a place.
+    """The data to find the centres near a place."""
 
-    Attributes
-    ----------
-    order : (nc,) int64 array
-        Row ``j`` of the sorted centres is centre ``order[j]`` of the layout.
-    coordinates : (3, nc) array
-    grid : tuple
-        Origin, inverse side, shape, starts, and the three arrays of the table of stored cells; without keys all cells
-        are stored.
-    """
-
-    order: Integers
-    coordinates: Floats
+    order: Integers  # (nc,). Row ``j`` of the sorted centres is centre ``order[j]`` of the layout
+    coordinates: Floats  # (3, nc)
+    #: Origin, inverse side, shape, starts, and the three arrays of the table of stored cells; without keys all cells
+    #: are stored.
     grid: tuple[Floats, float, Integers, Integers, Integers, Shorts, Shorts]
 
 

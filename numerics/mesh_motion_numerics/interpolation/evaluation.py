@@ -31,28 +31,17 @@ class NearOperator:
 
     Few places are within reach of a level, and each of them is near few centres. The matrix depends only on centres and
     places, so it is made once for a state of the mesh and used for all displacements from this state.
-
-    Attributes
-    ----------
-    rows : (r,) int64 array
-        Places that the level may reach, with neighbours next to each other; at all other places the level is 0.
-    matrix : SparseRows
-        Values of the level's functions there.
     """
 
+    #: (r,). Places that the level may reach, with neighbours next to each other; at all other places the level is 0.
     rows: Integers
-    matrix: SparseRows
+    matrix: SparseRows  # Values of the level's functions there
 
     @classmethod
     def build(cls, level: Interpolant, points: Floats, *, skipped: Integers | None = None) -> NearOperator:
-        """The operator of a compact level, whatever its weights, at points (n, d) but for the rows ``skipped`` (u,)."""
+        """The operator of a compact level, whatever its weights, at points (n, d) except the rows ``skipped`` (u,)."""
         rows, near = rows_near(level.layout, level.support_radius, points, skipped=skipped)
         return cls(rows, sparse_rows(level.layout, level.basis, level.support_radius, near))
-
-    @property
-    def nbytes(self) -> int:
-        """Bytes of the operator."""
-        return self.rows.nbytes + self.matrix.nbytes
 
     def add(self, weights: Floats, out: Floats) -> None:
         """Add the level with weights (nc, k) to ``out`` (n, k)."""
@@ -66,9 +55,7 @@ class NearOperator:
 
 
 def displacement(
-    field: AnyInterpolant | NestedSpline,
-    points: Floats,
-    prepared: Sequence[NearOperator] | None = None,
+    field: AnyInterpolant | NestedSpline, points: Floats, prepared: Sequence[NearOperator] | None = None
 ) -> Floats:
     """(n, k) values of an interpolant, or of a spline, at (n, d) points, thesis (2.5).
 
@@ -112,7 +99,7 @@ def gradient(field: AnyInterpolant | NestedSpline, points: Floats) -> Floats:
     if isinstance(field, NestedSpline):
         return field.gradients(points)
     require_gradient(field.basis)
-    out = np.empty((len(points), field.components, field.dimension))
+    out = np.empty((len(points), field.components, points.shape[1]))
     layout = field.layout
     centres = layout.coordinates, np.ascontiguousarray(field.weights[layout.order].T)
     kernels.sum_gradients(field.basis.code, padded(points), *centres, 1.0 / field.support_radius, *layout.grid, out)
@@ -123,8 +110,8 @@ def gradient(field: AnyInterpolant | NestedSpline, points: Floats) -> Floats:
 
 def _check_dimension(field: Interpolant | NestedSpline, points: Floats) -> None:
     """Refuse points whose shape is not (n, d)."""
-    if points.ndim != 2 or points.shape[1] != field.dimension:
+    dimension = field.dimension if isinstance(field, NestedSpline) else field.control_points.shape[1]
+    if points.ndim != 2 or points.shape[1] != dimension:
         raise InvalidInput(
-            f"expected points of shape (n, {field.dimension}), got {points.shape}",
-            code="INVALID_ARGUMENT.SHAPE",
+            f"expected points of shape (n, {dimension}), got {points.shape}", code="INVALID_ARGUMENT.SHAPE"
         )

@@ -16,17 +16,7 @@ from mesh_motion_numerics.interpolation.two_scale.factorization import TwoScaleP
 from mesh_motion_numerics.interpolation.two_scale.interpolant import AnyInterpolant
 from mesh_motion_numerics.method import Method
 
-
-class Kept(Protocol):
-    """Data that are computed once and may be cached."""
-
-    @property
-    def nbytes(self) -> int:
-        """Bytes of the data."""
-        ...
-
-
-K = TypeVar("K", bound=Kept)
+K = TypeVar("K")
 
 
 class FactorSource(Protocol):
@@ -131,10 +121,6 @@ class DeferredFactorization:
     control_points: Floats
     method: Method
     factors: FactorSource
-
-    @property
-    def nbytes(self) -> int:
-        return self._made.nbytes
 
     def solve(self, values: Floats) -> AnyInterpolant:
         """Return the interpolant of (nc, k) values."""

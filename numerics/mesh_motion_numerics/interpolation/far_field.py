@@ -28,29 +28,15 @@ from mesh_motion_numerics.mesh.points import bounding_box
 
 @dataclass(frozen=True, eq=False)
 class FarFieldFactorization:
-    """A :class:`.Factorization` that separates the mean displacement of the moving control points.
+    """A :class:`.Factorization` that separates the mean displacement of the moving control points."""
 
-    Attributes
-    ----------
-    near : Factorization
-        That of s.
-    moving : (m,) int64 array
-        Rows of the moving control points.
-    mean_radius : float, mesh length unit
-        R_t.
-    """
-
-    near: Factorization
-    moving: Integers
-    mean_radius: float
+    near: Factorization  # That of s
+    moving: Integers  # (m,). Rows of the moving control points
+    mean_radius: float  # mesh length unit. R_t
 
     @property
     def control_points(self) -> Floats:
         return self.near.control_points
-
-    @property
-    def nbytes(self) -> int:
-        return self.near.nbytes
 
     def solve(self, values: Floats) -> TwoScaleInterpolant:
         """Return the interpolant of (nc, k) values at the control points."""

@@ -12,7 +12,6 @@ A. de Boer, M. S. van der Schoot, H. Bijl, Computers & Structures 85 (2007) 784â
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -43,11 +42,6 @@ class Interpolant:
     polynomial: Polynomial | None = None
 
     @property
-    def dimension(self) -> int:
-        """Space dimension d."""
-        return int(self.control_points.shape[1])
-
-    @property
     def components(self) -> int:
         """k."""
         return int(self.weights.shape[1])
@@ -59,11 +53,6 @@ class Factorization(Protocol):
     @property
     def control_points(self) -> Floats:
         """(nc, d) array."""
-        ...
-
-    @property
-    def nbytes(self) -> int:
-        """Bytes of the factorization."""
         ...
 
     def solve(self, values: Floats) -> AnyInterpolant:
@@ -131,10 +120,6 @@ class AllCentreFactorization:
     def solver(self) -> str:
         """Name of the solver in use: "dense", "sparse" or "iterative"."""
         return self.system.name
-
-    @cached_property
-    def nbytes(self) -> int:
-        return self.system.nbytes + self.layout.coordinates.nbytes + self.control_points.nbytes
 
     def solve(self, values: Floats) -> Interpolant:
         values, polynomial = np.asarray(values, dtype=np.float64), None

@@ -63,8 +63,8 @@ def interpolation_map(
     left_out : (r,) int64 array, optional
         Places whose values are not used; their weights are zero.
     """
-    if isinstance(factorization, AllCentreFactorization):
-        return _OneScale(factorization, places)
+    if isinstance(factorization, AllCentreFactorization | PeriodicFactorization):
+        return _AllCentres(factorization, places)
     factors = MakeEachTime() if factors is None else factors  # an empty cache counts as false
     left_out = np.empty(0, dtype=np.int64) if left_out is None else left_out
     if isinstance(factorization, TwoScaleFactorization):
@@ -72,8 +72,6 @@ def interpolation_map(
     if isinstance(factorization, FarFieldFactorization):
         near = interpolation_map(factorization.near, places, factors, left_out=left_out)
         return _FarField(factorization, near, places, factors, left_out)
-    if isinstance(factorization, PeriodicFactorization):
-        return _Periodic(factorization, places)
     if isinstance(factorization, PeriodicLevels):
         return _PeriodicLevels(factorization, places)
     raise InvalidInput("an interpolation from reduced control points has no derivative")
@@ -136,10 +134,10 @@ class FieldMap:
 
 
 @dataclass(frozen=True, eq=False)
-class _OneScale:
-    """The map when all control points are centres."""
+class _AllCentres:
+    """The map when all control points, or all their periodic images, are centres."""
 
-    factorization: AllCentreFactorization
+    factorization: AllCentreFactorization | PeriodicFactorization
     places: Floats
 
     def apply(self, values: Floats) -> Floats:
@@ -152,10 +150,11 @@ class _OneScale:
         return FieldMap(made).transpose(rows)
 
     def transpose_sums(self, weights: Floats) -> Floats:
-        """(nc, k) Φᵀ w: φ is symmetric, so the places are the centres of a sum at the control points."""
+        """(c, k) Φᵀ w: φ is symmetric, so the places are the centres of a sum at the centres (c, d)."""
         made = self.factorization
         turned = Interpolant(self.places, weights, made.basis, made.support_radius, self._layout)
-        return evaluation.displacement(turned, made.control_points)
+        centres = made.images.places if isinstance(made, PeriodicFactorization) else made.control_points
+        return evaluation.displacement(turned, centres)
 
     @cached_property
     def _layout(self) -> CentreLayout:
@@ -189,26 +188,6 @@ class _FarField:
         return operators_of((alone,), self.places, self.factors, skipped=self.left_out)[0]
 
 
-@dataclass(frozen=True, eq=False)
-class _Periodic:
-    """The map when each control point stands for its periodic images; vectors turn with them."""
-
-    factorization: PeriodicFactorization
-    places: Floats
-
-    def apply(self, values: Floats) -> Floats:
-        return evaluation.displacement(self.factorization.solve(values), self.places)
-
-    def transpose(self, weights: Floats) -> Floats:
-        made = self.factorization
-        turned = Interpolant(self.places, weights, made.basis, made.support_radius, self._layout)
-        return _of_images(made, evaluation.displacement(turned, made.images.places))
-
-    @cached_property
-    def _layout(self) -> CentreLayout:
-        return CentreLayout.build(self.places, self.factorization.basis, self.factorization.support_radius)
-
-
 def _of_images(made: PeriodicFactorization, weights: Floats) -> Floats:
     """(nc, k) derivatives by the values at the control points, for weights (i, k) of the images' coefficients."""
     images, sums = made.images, np.zeros((len(made.control_points), weights.shape[1]))
@@ -225,8 +204,8 @@ class _PeriodicLevels:
     def __init__(self, factorization: PeriodicLevels, places: Floats | None = None) -> None:
         controls = factorization.control_points
         self._count = len(controls)
-        self._levels = [(members, level, _Periodic(level, controls)) for members, level in factorization.levels]
-        self._there = [] if places is None else [_Periodic(level, places) for _, level in factorization.levels]
+        self._levels = [(members, level, _AllCentres(level, controls)) for members, level in factorization.levels]
+        self._there = [] if places is None else [_AllCentres(level, places) for _, level in factorization.levels]
 
     def apply(self, values: Floats) -> Floats:
         left, found = values.copy(), []
@@ -297,9 +276,9 @@ class _Levels:
         counted = made.grid.spline_transposed(*weighted, of_coefficients=of_coefficients)
         return on_grid_transposed(coarse, made.grid, counted)
 
-    def coarse_sums(self, places: Floats) -> _OneScale:
+    def coarse_sums(self, places: Floats) -> _AllCentres:
         """The coarse sum at places (n, d), if it is no spline."""
-        return _OneScale(self.made.coarse, places)
+        return _AllCentres(self.made.coarse, places)
 
     @cached_property
     def distinct(self) -> Floats:
@@ -341,7 +320,7 @@ class _TwoScales:
         return self.levels.of_spline((self.places, weights), (self.levels.distinct, of_controls))
 
     @cached_property
-    def _coarse_sums(self) -> tuple[_OneScale, _OneScale]:
+    def _coarse_sums(self) -> tuple[_AllCentres, _AllCentres]:
         return self.levels.coarse_sums(self.places), self.levels.coarse_sums(self.levels.distinct)
 
     @cached_property

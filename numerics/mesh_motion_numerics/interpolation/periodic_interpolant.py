@@ -81,25 +81,14 @@ class _Images:
 
 @dataclass(frozen=True, eq=False)
 class PeriodicFactorization:
-    """A prepared matrix of periodic control points; a :class:`Factorization`.
+    """A prepared matrix of periodic control points; a :class:`Factorization`."""
 
-    Attributes
-    ----------
-    control_points : (nc, d) array, mesh length unit
-        One control point of each orbit.
-    support_radius : float, mesh length unit
-    """
-
-    control_points: Floats
+    control_points: Floats  # (nc, d), mesh length unit. One control point of each orbit
     basis: Basis
-    support_radius: float
+    support_radius: float  # mesh length unit
     images: _Images
     layout: CentreLayout
     system: LinearSolver
-
-    @property
-    def nbytes(self) -> int:
-        return self.system.nbytes + self.layout.coordinates.nbytes + 2 * self.images.places.nbytes
 
     def solve(self, values: Floats) -> Interpolant:
         """Return the interpolant of (nc, d) values at the control points."""
@@ -162,7 +151,9 @@ def _factorize(
     none = np.empty(0, dtype=np.int64)
     first = np.arange(len(points)) if single else _separated(images, len(points), SEPARATION * radius, none)
     near = images if single else _near_images(points[first], group, box, radius)
-    shares = None if smoothing is None else _shares(smoothing, near, basis, radius)[: len(first)]
+    shares = None
+    if smoothing is not None:  # all images count as nodes of the wall
+        shares = smoothing.shares(basis, radius, near.places, local_spacing(near.places))[: len(first)]
     levels = [(first, _level(points[first], near, basis, radius, shares))]
     if smoothing is None:
         scale, radii = SEPARATION * radius / LEVEL_RATIO, LEVEL_RADII[points.shape[1]]
@@ -176,11 +167,6 @@ def _factorize(
         near = _near_images(points[members], group, box, reach)
         levels.append((members, _level(points[members], near, BASIS, reach)))
     return PeriodicLevels(points, levels)
-
-
-def _shares(smoothing: Smoothing, images: _Images, basis: Basis, radius: float) -> Floats:
-    """λ (i,) of the images, of which all count as nodes of the wall."""
-    return smoothing.shares(basis, radius, images.places, local_spacing(images.places))
 
 
 def _closest(images: _Images) -> float:
@@ -217,22 +203,11 @@ def _level(
 
 @dataclass(frozen=True, eq=False)
 class PeriodicLevels:
-    """Prepared matrices of periodic control points, widest first; a :class:`Factorization`.
+    """Prepared matrices of periodic control points, widest first; a :class:`Factorization`."""
 
-    Attributes
-    ----------
-    control_points : (nc, d) array, mesh length unit
-        One control point of each orbit.
-    levels : list of (members (m,), PeriodicFactorization)
-        The levels; the last one has all control points.
-    """
-
-    control_points: Floats
+    control_points: Floats  # (nc, d), mesh length unit. One control point of each orbit
+    #: Members (m,) and factorization of each level; the last one has all control points.
     levels: list[tuple[Integers, PeriodicFactorization]]
-
-    @property
-    def nbytes(self) -> int:
-        return sum(level.nbytes for _, level in self.levels)
 
     def solve(self, values: Floats) -> TwoScaleInterpolant:
         """Return the interpolant of (nc, d) values at the control points."""

@@ -12,22 +12,12 @@ from mesh_motion_numerics.arrays import Floats, Integers, Shorts
 
 
 class SparseRows(NamedTuple):
-    """A sparse matrix in compressed rows with SciPy's names but no checks, because every state of a mesh makes one.
+    """A sparse matrix in compressed rows with SciPy's names but no checks, because every state of a mesh makes one."""
 
-    Attributes
-    ----------
-    indptr : (m + 1,) int32 array
-    indices, data : (e,) int32 and float64 arrays
-    """
-
-    indptr: Shorts
+    indptr: Shorts  # (m + 1,)
+    #: indices, data: (e,)
     indices: Shorts
     data: Floats
-
-    @property
-    def nbytes(self) -> int:
-        """Bytes of the matrix."""
-        return self.indptr.nbytes + self.indices.nbytes + self.data.nbytes
 
     def product(self, vectors: Floats) -> Floats:
         """(m, k) product with (n, k) vectors; each row is one thread's sum, in stored order."""
@@ -69,11 +59,6 @@ class SparseCholesky(NamedTuple):
         diagonal, below = np.empty((len(starts) - 1, *shape)), np.empty((len(elimination.rows), *shape))
         definite = kernels.block_cholesky(starts, columns, blocks, *elimination, diagonal, below)
         return cls(elimination, diagonal, below) if definite else None
-
-    @property
-    def nbytes(self) -> int:
-        """Bytes of the factor."""
-        return sum(part.nbytes for part in (*self.elimination, self.diagonal, self.below))
 
     def solve(self, right: Floats) -> Floats:
         """Solve A x = right for x, both (n, d); with d = 1 for any number of columns."""

@@ -90,17 +90,11 @@ def suggest_support_radius(points: Floats, roles: BoundaryRoles) -> float:
 
 
 class Reach(NamedTuple):
-    """How the displacement of the boundary reaches into the mesh, besides the basis and the support radius.
+    """How the displacement of the boundary reaches into the mesh, besides the basis and the support radius."""
 
-    Attributes
-    ----------
-    mean_radius : float, mesh length unit
-        R_t of :mod:`.far_field`; 0 if the mean displacement is not separated.
-    smoothing, layer_smoothing : Smoothing or None
-        Of the first level, and the same if layers move with their walls; None: the first level is exact.
-    """
-
-    mean_radius: float = 0.0
+    mean_radius: float = 0.0  # mesh length unit. R_t of :mod:`.far_field`; 0 if the mean displacement is not separated
+    #: smoothing, layer_smoothing: Of the first level, and the same if layers move with their walls; None: the first
+    #: level is exact.
     smoothing: Smoothing | None = None
     layer_smoothing: Smoothing | None = None
 
@@ -114,16 +108,13 @@ def with_reach(
 
     Only the default motion and interpolation alone have the multiscale basis. Only the default motion is smoothed.
 
+    Raises InvalidInput if the support reaches around the axis of an :class:`.OpenSector`.
+
     Parameters
     ----------
     points : (n, d) array, mesh length unit
     periodic : PeriodicNodes or None
         Those of a mesh with periodic patches: then the body has images, and Wendland's C2 function.
-
-    Raises
-    ------
-    InvalidInput
-        If the support reaches around the axis of an :class:`.OpenSector`.
     """
     basis, radius, mean_radius = method.basis, method.support_radius, 0.0
     alone = method.correction in ("none", "smooth") and method.reduction == "none"

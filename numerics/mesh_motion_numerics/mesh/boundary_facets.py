@@ -35,10 +35,9 @@ def boundary_facets(cells: CellTable) -> dict[str, Integers]:
     The facets are computed once for a cell table and kept as long as it exists, because every part of a session needs
     them. Do not modify them.
     """
-    found = _KEPT.get(cells)
-    if found is None:
-        found = _KEPT[cells] = _found(cells)
-    return dict(found)
+    if cells not in _KEPT:
+        _KEPT[cells] = _found(cells)
+    return dict(_KEPT[cells])
 
 
 def _found(cells: CellTable) -> dict[str, Integers]:

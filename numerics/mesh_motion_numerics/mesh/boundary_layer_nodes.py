@@ -22,11 +22,12 @@ import numpy as np
 
 from mesh_motion_numerics.arrays import Floats, Integers, Marks
 from mesh_motion_numerics.mesh.boundary_layer_stacks import column_feet
-from mesh_motion_numerics.mesh.boundary_layer_wall import MovingWall, WallPlaces, simplices_of
+from mesh_motion_numerics.mesh.boundary_layer_wall import MovingWall, WallPlaces
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.mesh.closest_point import nearest_within
 from mesh_motion_numerics.mesh.points import bounding_box, marks_at
 from mesh_motion_numerics.mesh.roles import SLIDING_ROLES, Patch, nodes_with
+from mesh_motion_numerics.mesh.smooth_pieces import as_simplices, of_one_width
 
 _SHARE = 0.5  # a layer may reach this share of the distance to another boundary
 #: The first cells may reach this share of that distance, and of the body's longest side. A square in the middle of a
@@ -91,9 +92,7 @@ def first_row(
     """
     sides = wall.body_sides(bounding_box(points))
     on_body = marks_at(len(points), wall.nodes[wall.simplices[sides > 0.0]])
-    touching = np.zeros(len(points), dtype=bool)
-    for block in cells:
-        touching[block.nodes[on_body[block.nodes].any(axis=1)]] = True
+    touching = marks_at(len(points), *(block.nodes[on_body[block.nodes].any(axis=1)] for block in cells))
     touching[nodes_with(patches, ("moving", "fixed", "periodic"))] = False
     nodes = np.flatnonzero(touching)
     places, own = wall.closest(points[nodes])
@@ -151,7 +150,7 @@ def _crowded(
     share: float,
 ) -> Marks:
     """(l,) nodes too near to another boundary; ``own`` (l,) is the nearest facet of the wall for each node."""
-    boundary = simplices_of(facets)
+    boundary = as_simplices(of_one_width(facets))
     walls = marks_at(len(points), wall.nodes)
     others = boundary[~walls[boundary].all(axis=1)]
     slides = marks_at(len(points), nodes_with(patches, SLIDING_ROLES))[others].all(axis=1)

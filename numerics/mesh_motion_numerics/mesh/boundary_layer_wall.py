@@ -37,9 +37,10 @@ from scipy.spatial import cKDTree
 
 from mesh_motion_numerics.arrays import Floats, Integers, Marks
 from mesh_motion_numerics.mesh.closest_point import nearest_within
-from mesh_motion_numerics.mesh.neighbours import connected
+from mesh_motion_numerics.mesh.neighbours import parts_of
 from mesh_motion_numerics.mesh.points import marks_at
 from mesh_motion_numerics.mesh.roles import BoundaryRoles, Patch
+from mesh_motion_numerics.mesh.smooth_pieces import as_simplices, of_one_width
 
 ALONG = 0.5
 """κ: a wing in prisms that bends and twists keeps 0.88 of its shape with it, 0.83 with 0.1, 0.87 with 1."""
@@ -49,18 +50,10 @@ _MOST_NEAR = {2: 33, 3: 9}  # nodes in a mean, at most: those of a large wall in
 
 
 class WallPlaces(NamedTuple):
-    """Places on a wall.
+    """Places on a wall."""
 
-    Attributes
-    ----------
-    corners : (l, d) int64 array
-        Rows of the wall's nodes: the corners of the facet on which each place lies.
-    weights : (l, d) array
-        Barycentric coordinates.
-    """
-
-    corners: Integers
-    weights: Floats
+    corners: Integers  # (l, d). Rows of the wall's nodes: the corners of the facet on which each place lies
+    weights: Floats  # (l, d). Barycentric coordinates
 
     def of(self, values: Floats) -> Floats:
         """Values (w, d) of the wall's nodes, interpolated at the places: (l, d)."""
@@ -90,9 +83,9 @@ class MovingWall:
         moving, prescribed : (n,) bool arrays
             Nodes that move; moving and fixed nodes.
         """
-        simplices = simplices_of(facets)
+        simplices = as_simplices(of_one_width(facets))
         own = simplices[prescribed[simplices].all(axis=1)]
-        body = _connected(own, len(points))
+        body = parts_of(own, len(points))
         moves = np.isin(body, body[moving[own].all(axis=1)])
         nodes, rows = np.unique(own[moves], return_inverse=True)
         return cls(nodes, points[nodes], rows.reshape(-1, own.shape[1]))
@@ -115,7 +108,7 @@ class MovingWall:
     @cached_property
     def bodies(self) -> Integers:
         """(s,) number of the connected part of each facet."""
-        return _connected(self.simplices, len(self.nodes))
+        return parts_of(self.simplices, len(self.nodes))
 
     def body_sides(self, box: Floats) -> Floats:
         """(s,) longest side of each segment's body in 2D, mesh length unit.
@@ -191,15 +184,11 @@ class MovingWall:
         body[self.simplices.ravel()] = np.repeat(self.bodies, d)
         row, column = np.nonzero((distance < radius[:, None]) & (body[near] == body[:, None]) & (distance > 0.0))
         other = near[row, column]
-        extent = np.bincount(self.simplices.ravel(), np.repeat(self._extents, d), count) / self._own.sum(axis=1)
+        sizes = np.abs(np.linalg.det(facet_frames(self.reference[self.simplices])))  # of triangles twice the area
+        extent = np.bincount(self.simplices.ravel(), np.repeat(sizes, d), count) / self._own.sum(axis=1)
         weights = (1.0 - (distance[row, column] / radius[row]) ** 2) ** 2 * extent[other] / extent[row]
         means = csr_array((weights, (row, other)), shape=(count, count)) + eye_array(count, format="csr")
         return csr_array(means @ self._own)
-
-    @property
-    def _extents(self) -> Floats:
-        """(s,) twice the area of triangles, the length of segments."""
-        return np.asarray(np.abs(np.linalg.det(facet_frames(self.reference[self.simplices]))))
 
 
 def _summed(weights: csr_array, values: Floats) -> Floats:
@@ -222,20 +211,6 @@ def weighting_of(frames: Floats) -> Floats:
     """(s, d, d) W = κ I + (1 − κ) n' nᵀ' of facets with ``frames`` (s, d, d)."""
     normal = frames[:, :, -1]
     return ALONG * np.eye(normal.shape[1]) + (1.0 - ALONG) * normal[:, :, None] * normal[:, None, :]
-
-
-def simplices_of(facets: Mapping[str, Integers]) -> Integers:
-    """(s, 2) segments or (s, 3) triangles of boundary facets by type; a quad is two triangles."""
-    parts = []
-    for name, nodes in facets.items():
-        parts += [nodes[:, [0, 1, 2]], nodes[:, [0, 2, 3]]] if name == "quad" else [nodes]
-    return np.concatenate(parts)
-
-
-def _connected(simplices: Integers, n: int) -> Integers:
-    """(s,) number of the connected part of each of the simplices (s, d) of n nodes."""
-    first = np.repeat(simplices[:, 0], simplices.shape[1])
-    return connected(n, first, simplices.ravel())[simplices[:, 0]]
 
 
 def facet_frames(corners: Floats) -> Floats:

@@ -11,8 +11,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from mesh_motion_numerics.arrays import Floats, Integers, Marks
-from mesh_motion_numerics.mesh.neighbours import connected
-from mesh_motion_numerics.mesh.smooth_pieces import all_marked, area_vectors, widened
+from mesh_motion_numerics.mesh.neighbours import parts_of
+from mesh_motion_numerics.mesh.smooth_pieces import all_marked, area_vectors, of_one_width
 
 #: Rounding error of the sum of a part's contributions, relative to their size.
 _ROUNDING = 1e-12
@@ -50,32 +50,17 @@ def outer_nodes(facets: Mapping[str, Integers], reference: Floats) -> Marks:
     found = np.zeros(len(reference) + 1, dtype=bool)  # the last one for the -1 of a triangle
     if facets:
         rows = of_one_width(facets)
-        parts = _parts(rows, len(reference))
+        parts = parts_of(rows, len(reference))
         found[rows[(_signs(parts, _contributions(reference, rows)) > 0.0)[parts]]] = True
     return found[:-1]
 
 
 def closed_parts(rows: Integers, prescribed: Marks, count: int) -> tuple[Integers, Marks]:
     """(f,) number of the connected part of the boundary of each facet (f, w); (p,) whether all nodes are prescribed."""
-    parts = _parts(rows, count)
+    parts = parts_of(rows, count)
     whole = np.ones(parts.max() + 1, dtype=bool)
     whole[parts[~all_marked(prescribed, rows)]] = False
     return parts, whole
-
-
-def of_one_width(facets: Mapping[str, Integers]) -> Integers:
-    """All facets in one array: (f, 2) in 2D, (f, 4) in 3D with −1 at the end of a triangle."""
-    widest = max(nodes.shape[1] for nodes in facets.values())
-    width = 4 if widest > 2 else 2
-    return np.concatenate([widened(nodes, width) for nodes in facets.values()])
-
-
-def _parts(rows: Integers, count: int) -> Integers:
-    """(f,) number of the connected part of the boundary of each facet."""
-    ends = np.where(rows[:, 1:] >= 0, rows[:, 1:], rows[:, :1])
-    starts = np.broadcast_to(rows[:, :1], ends.shape)
-    labels = connected(count, starts.ravel(), ends.ravel())[rows[:, 0]]
-    return np.asarray(np.unique(labels, return_inverse=True)[1], dtype=np.int64)
 
 
 def _signs(parts: Integers, contributions: Floats) -> Floats:

@@ -186,9 +186,7 @@ class CellTable:
         )
         if not blocks:
             raise InvalidInput(
-                "the mesh has no cells",
-                code="INVALID_ARGUMENT.MESH",
-                hint="send at least one cell of a known type",
+                "the mesh has no cells", code="INVALID_ARGUMENT.MESH", hint="send at least one cell of a known type"
             )
         if len({block.type.dimension for block in blocks}) > 1:
             names = ", ".join(f"{b.type.name} ({b.type.dimension}D)" for b in blocks)
@@ -246,6 +244,12 @@ class CellTable:
         """Each block with the slice of cell numbers that belongs to it."""
         return tuple(zip(self.blocks, map(slice, self.offsets, self.offsets[1:]), strict=True))
 
+    def located(self, numbers: NDArray[np.integer]) -> Iterator[tuple[CellBlock, Marks, Integers]]:
+        """Each block, which of the cells with these numbers (s,) are in it, and their rows there."""
+        for block, span in self.numbered:
+            here = (numbers >= span.start) & (numbers < span.stop)
+            yield block, here, numbers[here] - span.start
+
     def locate(self, cell: int) -> tuple[CellBlock, int]:
         """The block of a cell number, and the row in it."""
         for block, span in self.numbered:
@@ -256,7 +260,6 @@ class CellTable:
     def centres(self, points: NDArray[np.floating], numbers: NDArray[np.integer]) -> Floats:
         """(s, d) mean of the nodes of each of the cells with these numbers (s,), from positions (n, d)."""
         out = np.empty((len(numbers), points.shape[1]))
-        for block, span in self.numbered:
-            here = (numbers >= span.start) & (numbers < span.stop)
-            out[here] = points[block.nodes[numbers[here] - span.start]].mean(axis=1)
+        for block, here, rows in self.located(numbers):
+            out[here] = points[block.nodes[rows]].mean(axis=1)
         return out

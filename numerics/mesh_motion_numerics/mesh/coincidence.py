@@ -10,11 +10,10 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from mesh_motion_numerics.arrays import Floats, Integers, Marks
-from mesh_motion_numerics.mesh.boundary_orientation import of_one_width
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.mesh.neighbours import connected
-from mesh_motion_numerics.mesh.points import bounding_box
-from mesh_motion_numerics.mesh.smooth_pieces import area_vectors
+from mesh_motion_numerics.mesh.points import bounding_box, marks_at
+from mesh_motion_numerics.mesh.smooth_pieces import area_vectors, of_one_width
 
 # rounding of coordinates, relative to the extent
 _SAME_PLACE = 1e-13
@@ -67,8 +66,7 @@ def met_nodes(reference: Floats, points: Floats, nodes: Integers) -> Integers:
 
 def linked_by_cells(cells: CellTable, pairs: Integers, count: int) -> Marks:
     """(c,) whether the nodes of each of the pairs (c, 2), of a mesh with ``count`` nodes, are in one cell."""
-    named, keys, found = np.zeros(count, dtype=bool), np.sort(pairs, axis=1) @ [count, 1], []
-    named[pairs] = True
+    named, keys, found = marks_at(count, pairs), np.sort(pairs, axis=1) @ [count, 1], []
     for block in cells if len(pairs) else ():
         few = np.sort(block.nodes[named[block.nodes].sum(axis=1) > 1].astype(np.int64), axis=1)
         found += [few[:, a] * count + few[:, b] for a, b in combinations(range(few.shape[1]), 2)]

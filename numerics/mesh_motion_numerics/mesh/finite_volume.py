@@ -80,15 +80,8 @@ class FaceMeasures:
         return {name: value for name, value in asdict(self).items() if name != "worst"}
 
 
-@dataclass(frozen=True, eq=False)
-class _Solid:
-    """3D cells and their facets; for a 2D mesh the layer of cells."""
-
-    cells: CellTable
-    facets: CellFacets
-
-
-_KEPT: WeakKeyDictionary[CellTable, _Solid] = WeakKeyDictionary()
+#: 3D cells and their facets; of a 2D mesh those of the layer of cells.
+_KEPT: WeakKeyDictionary[CellTable, tuple[CellTable, CellFacets]] = WeakKeyDictionary()
 
 
 def face_measures(
@@ -142,12 +135,12 @@ def cell_values(points: NDArray[np.floating], cells: CellTable, metric: str) -> 
 def _faces(points: NDArray[np.floating], cells: CellTable) -> tuple[Floats, CellFacets, tuple[Floats, Floats, float]]:
     """Faces with their positions in 3D, and the measured values."""
     plane = cells.dimension == 2
-    solid = _KEPT.get(cells)
-    if solid is None:
+    if cells not in _KEPT:
         table = extruded_cells(cells, len(points)) if plane else cells
-        solid = _KEPT[cells] = _Solid(table, CellFacets.of(table))
+        _KEPT[cells] = table, CellFacets.of(table)
+    solid, facets = _KEPT[cells]
     positions = extruded_points(points) if plane else np.asarray(points, dtype=np.float64)
-    return positions, solid.facets, _measured(positions, solid.facets, *_cell_geometry(positions, solid.cells))
+    return positions, facets, _measured(positions, facets, *_cell_geometry(positions, solid))
 
 
 def _measured(points: Floats, facets: CellFacets, centres: Floats, volumes: Floats) -> tuple[Floats, Floats, float]:

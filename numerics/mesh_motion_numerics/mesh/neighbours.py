@@ -17,6 +17,14 @@ def connected(count: int, ones: Integers, others: Integers) -> Integers:
     return np.asarray(connected_components(links, directed=False)[1], dtype=np.int64)
 
 
+def parts_of(rows: Integers, count: int) -> Integers:
+    """(r,) number of the connected part of each of the rows (r, w) of ``count`` nodes; −1 is no node."""
+    ends = np.where(rows[:, 1:] >= 0, rows[:, 1:], rows[:, :1])
+    starts = np.broadcast_to(rows[:, :1], ends.shape)
+    labels = connected(count, starts.ravel(), ends.ravel())[rows[:, 0]]
+    return np.asarray(np.unique(labels, return_inverse=True)[1], dtype=np.int64)
+
+
 def local_spacing(points: Floats) -> Floats:
     """(n,) distance of each of (n, d) points to its nearest neighbour, mesh length unit; inf for a single point."""
     if len(points) < 2:

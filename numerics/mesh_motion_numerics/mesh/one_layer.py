@@ -191,8 +191,7 @@ def _plane_patches(
     found: dict[str, Marks] = {}
     covered, taken, sides = np.zeros((3, len(rows)), dtype=bool)
     for name, patch in patches.items():
-        inside = np.zeros(len(in_front) + 1, dtype=bool)  # the last one for the -1 of a triangle
-        inside[patch.nodes] = inside[-1] = True
+        inside = marks_at(len(in_front) + 1, np.append(patch.nodes, -1))  # the last one for the -1 of a triangle
         own, wide = inside[rows].all(axis=1), inside | (rim & (inside & ~rim)[:-1].any())
         whole = wide[:-1][in_front].all() or wide[:-1][~in_front].all()
         if patch.role not in roles:

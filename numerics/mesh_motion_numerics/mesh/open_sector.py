@@ -20,41 +20,28 @@ from mesh_motion_numerics.arrays import Floats
 from mesh_motion_numerics.mesh.revolution import across
 from mesh_motion_numerics.mesh.rigid_transforms import Transform
 
-_SAME = 1e-6  # a radius below this share of the mesh is none
+_SAME = 1e-6  # a radius below this share of the mesh counts as 0
 #: Share of the largest radius that is suggested: rounded to two digits, it is below the largest.
 _SUGGESTED = 0.95
 
 
 @dataclass(frozen=True, eq=False)
 class OpenSector:
-    """The sector of a mesh.
+    """The sector of a mesh."""
 
-    Attributes
-    ----------
-    turn : Transform
-        The rotation by the sector's angle.
-    others : tuple of Transform
-        The other generators of the periodic images.
-    angle, width : float
-        A and W.
-    inner : float, mesh length unit
-        r.
-    """
-
-    turn: Transform
-    others: tuple[Transform, ...]
+    turn: Transform  # The rotation by the sector's angle
+    others: tuple[Transform, ...]  # The other generators of the periodic images
+    #: angle, width: A and W.
     angle: float
     width: float
-    inner: float
+    inner: float  # mesh length unit. r
 
     @classmethod
     def of(cls, points: Floats, generators: Sequence[Transform]) -> OpenSector | None:
         """The sector of a mesh at ``points`` (n, d); None if no angle is open.
 
-        Raises
-        ------
-        InvalidInput
-            If a support cannot repeat: the mesh reaches the axis or spans half a turn, or other periods rotate too.
+        Raises InvalidInput if a support cannot repeat: the mesh reaches the axis or spans half a turn, or other periods
+        rotate too.
         """
         turn = next((one for one in generators if one.turns and not one.sectors), None)
         if turn is None:

@@ -17,7 +17,7 @@ import numpy as np
 
 from mesh_motion_numerics.arrays import Floats
 from mesh_motion_numerics.mesh.points import padded
-from mesh_motion_numerics.mesh.rigid_transforms import Transform
+from mesh_motion_numerics.mesh.rigid_transforms import Transform, cross_matrix
 
 #: Directions with less than this share of the points' spread are ignored: their rotation is not determined.
 _DEGENERATE = 1e-12
@@ -193,19 +193,15 @@ def _rotation(axis: Floats, angle: float, d: int) -> Floats:
     """(d, d) rotation matrix, by Rodrigues' formula."""
     if angle == 0.0:
         return np.eye(d)
-    k = _cross_matrix(axis)
+    k = cross_matrix(axis)
     full: Floats = np.eye(3) + np.sin(angle) * k + 2.0 * np.sin(angle / 2.0) ** 2 * (k @ k)
     return full[:d, :d]
 
 
 def _mean_rotation(axis: Floats, angle: float, d: int) -> Floats:
     """(d, d) matrix ``∫₀¹ R(sθ) ds``; invertible for |θ| < 2π."""
-    k = _cross_matrix(axis)
+    k = cross_matrix(axis)
     half = np.sinc(angle / (2.0 * np.pi))
     first = half * np.sin(angle / 2.0)  # (1 − cos θ)/θ
     full: Floats = np.eye(3) + first * k + (1.0 - np.sinc(angle / np.pi)) * (k @ k)
     return full[:d, :d]
-
-
-def _cross_matrix(a: Floats) -> Floats:
-    return np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])

@@ -31,24 +31,15 @@ _TORN = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class PeriodicNodes:
-    """The orbits of a mesh's periodic nodes.
+    """The orbits of a mesh's periodic nodes."""
 
-    Attributes
-    ----------
-    reference : (n, d) array, mesh length unit
-        Coordinates of all nodes of the mesh.
-    members, roots : (p,) int64 arrays
-        Each node on a periodic patch, ascending, and the root of its orbit.
-    rotations : (p, d, d) array
-        Turn the root's displacement into the member's.
-    projectors : (p, d, d) array
-        Projections onto the displacements that the root's orbit allows; the identity except for nodes on an axis.
-    """
-
-    reference: Floats
+    reference: Floats  # (n, d), mesh length unit. Coordinates of all nodes of the mesh
+    #: members, roots: (p,). Each node on a periodic patch, ascending, and the root of its orbit.
     members: Integers
     roots: Integers
-    rotations: Floats
+    rotations: Floats  # (p, d, d). Turn the root's displacement into the member's
+    #: (p, d, d). Projections onto the displacements that the root's orbit allows; the identity except for nodes on an
+    #: axis.
     projectors: Floats
     pairs: tuple[PeriodicPair, ...]
 
@@ -83,10 +74,7 @@ class PeriodicNodes:
 
         ``facets`` (f, k): all facets of the boundary, by type.
 
-        Raises
-        ------
-        InvalidInput
-            If patches do not map onto each other, or a node and its image have different roles.
+        Raises InvalidInput if patches do not map onto each other, or a node and its image have different roles.
         """
         sides = {name: patch.nodes for name, patch in patches.items() if patch.role == "periodic"}
         if not sides:
@@ -184,10 +172,7 @@ class PeriodicNodes:
     def check_targets(self, moving: Integers, targets: Floats) -> None:
         """Refuse targets (k, d) of the moving nodes (k,) that separate a pair.
 
-        Raises
-        ------
-        InvalidInput
-            Naming the first such node, its image and the distance.
+        Raises InvalidInput naming the first such node, its image and the distance.
         """
         moved = self.reference.copy()
         moved[moving] = targets
@@ -207,15 +192,12 @@ class PeriodicNodes:
     def check_kinds(self, kinds: Mapping[str, Integers]) -> None:
         """Refuse an orbit whose nodes have different kinds.
 
+        Raises InvalidInput naming the first such node, and its image.
+
         Parameters
         ----------
         kinds : dict of int64 arrays
             Disjoint nodes by kind: moving, fixed, sliding; the others are periodic only.
-
-        Raises
-        ------
-        InvalidInput
-            Naming the first such node, and its image.
         """
         names = ["periodic", *kinds]
         kind = np.zeros(len(self.reference), dtype=np.int64)

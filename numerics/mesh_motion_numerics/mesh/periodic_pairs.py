@@ -36,25 +36,14 @@ _AXIS = 1e-9  # a direction this close to a coordinate axis is set to that axis
 
 @dataclass(frozen=True, eq=False)
 class PeriodicPair:
-    """Two patches that are images of each other.
+    """Two patches that are images of each other."""
 
-    Attributes
-    ----------
-    first, second : str
-        Names of the patches.
-    transform : Transform
-        Maps the first patch onto the second.
-    nodes : (p, 2) int64 array
-        Each node of the first patch and its image.
-    error : float, mesh length unit
-        Largest distance of a transformed node from its image.
-    """
-
+    #: first, second: Names of the patches.
     first: str
     second: str
-    transform: Transform
-    nodes: Integers
-    error: float
+    transform: Transform  # Maps the first patch onto the second
+    nodes: Integers  # (p, 2). Each node of the first patch and its image
+    error: float  # mesh length unit. Largest distance of a transformed node from its image
 
     def describe(self) -> str:
         """A description: the patches, and the translation or the number of sectors between them."""
@@ -87,6 +76,9 @@ def periodic_pairs(
 ) -> tuple[PeriodicPair, ...]:
     """Pair the periodic patches.
 
+    Raises InvalidInput if a patch has no partner (names the first node without an image, and how far the nearest node
+    is from it), or if the mesh spans more than half a turn between two patches.
+
     Parameters
     ----------
     points : (n, d) array, mesh length unit
@@ -94,12 +86,6 @@ def periodic_pairs(
         The facets of the whole boundary, with outward normals, by type.
     patches : dict of (p,) int64 arrays
         Nodes of each patch with role periodic, by name.
-
-    Raises
-    ------
-    InvalidInput
-        If a patch has no partner; names the first node without an image, and how far the nearest node is from it.
-        If the mesh spans more than half a turn between two patches.
     """
     sides = [_side(points, facets, name, np.sort(patches[name])) for name in sorted(patches)]
     _refuse_same(sides)

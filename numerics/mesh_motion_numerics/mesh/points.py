@@ -2,6 +2,7 @@
 
 import mesh_motion_kernels as kernels
 import numpy as np
+from numpy.typing import NDArray
 
 from mesh_motion_numerics.arrays import Floats, Integers, Marks
 
@@ -27,7 +28,14 @@ def spread(some: Integers, most: int) -> Integers:
     return some[np.unique(np.linspace(0, len(some) - 1, min(most, len(some))).astype(np.int64))]
 
 
-def marks_at(count: int, *nodes: Integers) -> Marks:
+def rows_among(count: int, nodes: Integers) -> Integers:
+    """(count,) row of each node in ``nodes`` (k,), −1 for the others."""
+    rows = np.full(count, -1, dtype=np.int64)
+    rows[nodes] = np.arange(len(nodes))
+    return rows
+
+
+def marks_at(count: int, *nodes: NDArray[np.integer]) -> Marks:
     """(count,) True at all of these nodes."""
     marks = np.zeros(count, dtype=bool)
     for some in nodes:

@@ -19,18 +19,10 @@ _ROUNDING = 1e-14  # of an angle
 
 @dataclass(frozen=True, eq=False)
 class Transform:
-    """``x → R x + s``.
+    """``x → R x + s``."""
 
-    Attributes
-    ----------
-    rotation : (d, d) array
-        R.
-    shift : (d,) array, mesh length unit
-        s.
-    """
-
-    rotation: Floats
-    shift: Floats
+    rotation: Floats  # (d, d). R
+    shift: Floats  # (d,), mesh length unit. s
 
     @classmethod
     def identity(cls, dimension: int) -> Transform:
@@ -47,7 +39,7 @@ class Transform:
             c, s = math.cos(angle), math.sin(angle)
             rotation = np.array([[c, -s], [s, c]])
         else:
-            cross = np.array([[0.0, -axis[2], axis[1]], [axis[2], 0.0, -axis[0]], [-axis[1], axis[0], 0.0]])
+            cross = cross_matrix(axis)
             rotation = np.eye(3) + math.sin(angle) * cross + (1.0 - math.cos(angle)) * cross @ cross  # Rodrigues
         return cls(rotation, centre - rotation @ centre)
 
@@ -86,6 +78,11 @@ class Transform:
         return Transform(self.rotation.T, -(self.rotation.T @ self.shift) if self.turns else -self.shift)
 
 
+def cross_matrix(a: Floats) -> Floats:
+    """(3, 3) matrix of the cross product a × …."""
+    return np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])
+
+
 def generated_group(
     generators: Sequence[Transform], dimension: int, scale: float, wanted: Callable[[Transform], bool]
 ) -> list[Transform]:
@@ -93,15 +90,12 @@ def generated_group(
 
     Elements are found only through wanted elements: ``wanted`` says whether the images of a bounded set come near.
 
+    Raises InvalidInput if there are more than 20 000.
+
     Parameters
     ----------
     scale : float, mesh length unit
         Scale of the shifts, to distinguish elements.
-
-    Raises
-    ------
-    InvalidInput
-        If there are more than 20 000.
     """
     steps = [step for generator in generators for step in (generator, generator.inverse())]
     found = [Transform.identity(dimension)]

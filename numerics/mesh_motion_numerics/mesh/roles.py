@@ -51,8 +51,7 @@ class BoundaryRoles:
         """Points and roles of the mesh without ``loose`` nodes (l,) of no cell and no role, which may be anywhere."""
         if not len(loose):
             return points, self
-        kept = np.ones(len(points), dtype=bool)
-        kept[loose] = False
+        kept = ~np.isin(np.arange(len(points)), loose)
         number = np.cumsum(kept) - 1
         kinds = (self.moving, self.fixed, self.sliding, self.periodic)
         return points[kept], BoundaryRoles(*(number[nodes] for nodes in kinds))

@@ -25,7 +25,7 @@ from mesh_motion_protocol.errors import InvalidInput
 from mesh_motion_numerics.arrays import Floats, Integers, Marks
 from mesh_motion_numerics.mesh.endless_walls import axis_of, endless_nodes
 from mesh_motion_numerics.mesh.paths import RigidMotion
-from mesh_motion_numerics.mesh.points import marks_at
+from mesh_motion_numerics.mesh.points import marks_at, rows_among
 from mesh_motion_numerics.mesh.rigid_transforms import Transform
 from mesh_motion_numerics.mesh.smooth_pieces import Piece, sides, smooth_pieces
 from mesh_motion_numerics.mesh.surface_constraints import Held, OnFacets, OnPlanes, OnPrism, SurfaceConstraint, endless
@@ -228,8 +228,7 @@ def _pieces(points: Floats, facets: Mapping[str, Integers], patches: Mapping[str
 
 def _pieces_of(pieces: list[Piece], n_points: int, nodes: Integers) -> list[tuple[int, ...]]:
     """Numbers of the pieces that contain each node."""
-    place = np.full(n_points, -1, dtype=np.int64)
-    place[nodes] = np.arange(len(nodes))
+    place = rows_among(n_points, nodes)
     keys: list[tuple[int, ...]] = [()] * len(nodes)
     for number, piece in enumerate(pieces):
         for row in place[piece.nodes]:

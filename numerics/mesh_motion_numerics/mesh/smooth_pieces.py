@@ -25,21 +25,11 @@ _AXIS = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """Facets without a sharp edge between them.
+    """Facets without a sharp edge between them."""
 
-    Attributes
-    ----------
-    nodes : (p,) int64 array
-        Ascending.
-    facets : (f, w) int64 array
-        Node indices; w = 1 in 1D, 2 in 2D, 4 in 3D with −1 at the end of a triangle.
-    normal : (d,) array or None
-        Unit normal if the piece is planar.
-    """
-
-    nodes: Integers
-    facets: Integers
-    normal: Floats | None
+    nodes: Integers  # (p,). Ascending
+    facets: Integers  # (f, w). Node indices; w = 1 in 1D, 2 in 2D, 4 in 3D with −1 at the end of a triangle
+    normal: Floats | None  # (d,). Unit normal if the piece is planar
 
     @property
     def simplices(self) -> Integers:
@@ -110,6 +100,13 @@ def widened(block: Integers, width: int) -> Integers:
     out = np.full((len(block), width), -1, dtype=np.int64)
     out[:, : block.shape[1]] = block
     return out
+
+
+def of_one_width(facets: Mapping[str, Integers]) -> Integers:
+    """All facets in one array: (f, 2) in 2D, (f, 4) in 3D with −1 at the end of a triangle."""
+    widest = max(nodes.shape[1] for nodes in facets.values())
+    width = 4 if widest > 2 else 2
+    return np.concatenate([widened(nodes, width) for nodes in facets.values()])
 
 
 def all_marked(marks: Marks, facets: Integers) -> Marks:

@@ -28,6 +28,7 @@ from mesh_motion_numerics.mesh.boundary_facets import boundary_facets
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.mesh.neighbours import connected
 from mesh_motion_numerics.mesh.paths import RigidMotion, fit_rigid_motion
+from mesh_motion_numerics.mesh.points import rows_among
 
 #: Smaller angles count as no rotation, radians.
 _NO_TURN = 1e-9
@@ -92,8 +93,7 @@ def moving_bodies(cells: CellTable, moving: Integers) -> tuple[Body, ...]:
     All moving nodes that are on no such facet form one body. Bodies are in the order of their first nodes.
     """
     facets = list(boundary_facets(cells).values())
-    row_of = np.full(1 + max(int(moving.max()), *(int(nodes.max()) for nodes in facets)), -1)
-    row_of[moving] = np.arange(len(moving))
+    row_of = rows_among(1 + max(int(moving.max()), *(int(nodes.max()) for nodes in facets)), moving)
     links, seam = [], [np.empty(0, dtype=np.int64)]
     for nodes in facets:
         rows = row_of[nodes]

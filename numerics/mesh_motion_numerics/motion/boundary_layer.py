@@ -115,9 +115,7 @@ class BoundaryLayer:
     @cached_property
     def known(self) -> Marks:
         """(n,) nodes whose positions follow from the moving nodes alone: moving nodes, fixed nodes and the layer."""
-        known = self.prescribed.copy()
-        known[self.nodes] = True
-        return known
+        return self.prescribed | marks_at(len(self.points), self.nodes)
 
     def carried(self, moved: Floats) -> Floats:
         """(l, d) new positions of the layer's nodes, with the moving nodes at their rows of ``moved`` (n, d)."""
@@ -181,16 +179,13 @@ class BoundaryLayer:
         if valid is not None:
             away = (valid != trial).any(axis=1)
             return self.without(away) if away[self.nodes].any() else self
-        known = self.known
-        inside = np.flatnonzero(self.cells.within(known))
+        inside = np.flatnonzero(self.cells.within(self.known))
         spoiled = inside[~(quality(trial, inside) > _SPOILED * quality(self.points, inside))]
         if not len(spoiled):
             return self
-        released = np.zeros(len(self.points), dtype=bool)
-        for block, span in self.cells.numbered:
-            rows = spoiled[(spoiled >= span.start) & (spoiled < span.stop)] - span.start
-            released[block.nodes[rows]] = True
-        return self.without(released)
+        return self.without(
+            marks_at(len(self.points), *(block.nodes[rows] for block, _, rows in self.cells.located(spoiled)))
+        )
 
 
 def held_with(held: Marks, layer: BoundaryLayer | None) -> Marks:
@@ -200,7 +195,5 @@ def held_with(held: Marks, layer: BoundaryLayer | None) -> Marks:
 
 def _shield(cells: CellTable, known: Marks, wall: Integers, layer: Integers) -> Shield:
     """The layer's nodes in cells with a node outside ``known`` (n,), and the wall's nodes that are in no such cell."""
-    outside = np.zeros(len(known), dtype=bool)
-    for block in cells:
-        outside[block.nodes[~known[block.nodes].all(axis=1)]] = True
+    outside = marks_at(len(known), *(block.nodes[~known[block.nodes].all(axis=1)] for block in cells))
     return Shield(layer[outside[layer]], wall[~outside[wall]])

@@ -10,12 +10,7 @@ import numpy as np
 from scipy.sparse import coo_array, csr_array
 
 from mesh_motion_numerics.arrays import Floats, Integers
-from mesh_motion_numerics.mesh.boundary_layer_wall import (
-    ALONG,
-    MovingWall,
-    facet_frames,
-    weighting_of,
-)
+from mesh_motion_numerics.mesh.boundary_layer_wall import ALONG, MovingWall, facet_frames, weighting_of
 from mesh_motion_numerics.motion.boundary_layer import BoundaryLayer
 
 

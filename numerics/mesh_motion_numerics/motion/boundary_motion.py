@@ -20,12 +20,7 @@ from mesh_motion_numerics.correction.correction import Correction, correct
 from mesh_motion_numerics.correction.correction_problem import CorrectionProblem
 from mesh_motion_numerics.correction.part_of_mesh import Elsewhere
 from mesh_motion_numerics.correction.smooth_motion import Law, SmoothMotion
-from mesh_motion_numerics.interpolation.factor_source import (
-    DeferredFactorization,
-    FactorSource,
-    MakeEachTime,
-    Recorded,
-)
+from mesh_motion_numerics.interpolation.factor_source import DeferredFactorization, FactorSource, MakeEachTime, Recorded
 from mesh_motion_numerics.interpolation.interpolation_map import FieldMap
 from mesh_motion_numerics.mesh.boundary_layer_wall import MovingWall
 from mesh_motion_numerics.mesh.cells import CellTable
@@ -35,9 +30,8 @@ from mesh_motion_numerics.mesh.points import bounding_box
 from mesh_motion_numerics.mesh.roles import SLIDING_ROLES, BoundaryRoles, Patch, nodes_with
 from mesh_motion_numerics.method import Method
 from mesh_motion_numerics.motion.body_paths import Body, Way, ways
-from mesh_motion_numerics.motion.exact_displacements import BoundaryDisplacement
 from mesh_motion_numerics.motion.layered_walls import LayeredWalls
-from mesh_motion_numerics.motion.motion_found import Motion
+from mesh_motion_numerics.motion.motion_found import BoundaryDisplacement, Motion
 from mesh_motion_numerics.motion.motion_slope import PlainSlope, plain_slope, why_no_slope
 from mesh_motion_numerics.motion.smooth_step import PlainWay, smooth_step
 from mesh_motion_numerics.motion.standard_motion import StandardMotion
@@ -58,24 +52,12 @@ _CORRECTIONS = {"slip": ("smooth",), "symmetry": ("smooth",), "periodic": ("none
 
 @dataclass(frozen=True, eq=False)
 class BoundaryMotion:
-    """The boundary of a mesh with its motions.
+    """The boundary of a mesh with its motions."""
 
-    Attributes
-    ----------
-    motion : StandardMotion
-        Motion of the nodes of the boundary, and of those that span the box of the mesh.
-    bodies : dict of str to Body
-        The moving patches.
-    rims : PlaneRims or None
-        Moving nodes on plane slip and symmetry walls.
-    constraint : BoundaryConstraint or None
-        Constraint of the nodes on walls that the smooth correction may move.
-    """
-
-    motion: StandardMotion
-    bodies: Mapping[str, Body]
-    rims: PlaneRims | None
-    constraint: BoundaryConstraint | None
+    motion: StandardMotion  # Motion of the nodes of the boundary, and of those that span the box of the mesh
+    bodies: Mapping[str, Body]  # The moving patches
+    rims: PlaneRims | None  # Moving nodes on plane slip and symmetry walls
+    constraint: BoundaryConstraint | None  # Constraint of the nodes on walls that the smooth correction may move
     warnings: tuple[str, ...] = ()
 
     @classmethod
@@ -92,11 +74,8 @@ class BoundaryMotion:
         ``facets`` (f, k): all facets of the boundary, by type; not needed if all patches are moving or fixed, and no
         layer is carried. ``near``: the cells at nodes within some distance of the moving walls.
 
-        Raises
-        ------
-        InvalidInput
-            If a patch is unusable or has a role for which the correction needs the volume, if no node is fixed, or if
-            the method does not fit the mesh.
+        Raises InvalidInput if a patch is unusable or has a role for which the correction needs the volume, if no node
+        is fixed, or if the method does not fit the mesh.
         """
         check_patches(len(points), patches)
         for name, patch in patches.items():
@@ -135,10 +114,7 @@ class BoundaryMotion:
     def summary(self, points: Floats) -> Judgement:
         """Refuse to judge.
 
-        Raises
-        ------
-        SessionError
-            Always: the cells are in other processes.
+        Raises SessionError always: the cells are in other processes.
         """
         del points
         raise SessionError("the trial is not judged, or it was refused", hint="send JUDGE from every partition first")
@@ -164,10 +140,7 @@ class BoundaryMotion:
     def plain_slope(self, points: Floats, factors: FactorSource) -> PlainSlope:
         """The derivative of the motion of these nodes that has led to ``points`` (n, d), without a correction.
 
-        Raises
-        ------
-        QualityRefused
-            If there is no derivative at these points.
+        Raises QualityRefused if there is no derivative at these points.
         """
         motion = self.motion
         plain = motion.trial(motion.reference, points[motion.roles.moving], factors, Stopwatch()).points
@@ -188,12 +161,12 @@ class BoundaryMotion:
         self._refuse_winding(committed, targets)
         watch, recorded = Stopwatch(), Recorded(MakeEachTime() if factors is None else factors)
         trial = self.motion.trial(committed, targets, recorded, watch)
-        unknown = LowestQuality(self.method.quality_metric, Minimum(float("nan")), 0, 0, ())
+        unknown = LowestQuality(Minimum(float("nan")), 0, 0, ())
         return Motion(
             points=trial.points,
             standard=unknown,
             corrected=unknown,
-            correction=Correction(trial.points, np.empty((0, committed.shape[1]))),
+            correction=Correction(trial.points, trial.points[:0]),
             reached=False,
             seconds=watch.seconds(),
             caches=dict(recorded.found),
@@ -255,6 +228,8 @@ class BoundaryMotion:
     ) -> Correction:
         """The smooth correction of a region, bitwise that of a mesh of ``n_nodes`` that begins with interpolation.
 
+        Raises RegionTooSmall if a larger region is needed. Raises QualityRefused if no valid mesh was found.
+
         Parameters
         ----------
         points, positions, cells, held, elsewhere
@@ -264,13 +239,6 @@ class BoundaryMotion:
         ways : iterable of callable
             Fraction → positions (n, d) by interpolation, from the reference mesh to the ``positions``: tried in turn if
             no valid mesh is found in one step.
-
-        Raises
-        ------
-        RegionTooSmall
-            If a larger region is needed.
-        QualityRefused
-            If no valid mesh was found.
         """
         check_time()
         smooth = self.smooth(points, cells, held, elsewhere, n_nodes, rows)
@@ -278,13 +246,7 @@ class BoundaryMotion:
             return smooth_step(smooth, points, lambda: points, positions, lambda: ways).correction()
 
     def smooth(
-        self,
-        points: Floats,
-        cells: CellTable,
-        held: Marks,
-        elsewhere: Elsewhere,
-        n_nodes: int,
-        rows: Integers,
+        self, points: Floats, cells: CellTable, held: Marks, elsewhere: Elsewhere, n_nodes: int, rows: Integers
     ) -> SmoothMotion:
         """Return the correction of a region for :meth:`smoothed`."""
         read = checked_cells(points, cells)
@@ -297,18 +259,13 @@ class BoundaryMotion:
     ) -> Correction:
         """The correction of a region of the mesh up to the threshold, bitwise that of the whole mesh.
 
+        Raises RegionTooSmall if a larger region is needed. Raises QualityRefused if no valid mesh was found.
+
         Parameters
         ----------
         points, positions : (n, d) arrays, mesh length unit
             Positions in the reference mesh, and after the interpolation.
         held : (n,) bool array
-
-        Raises
-        ------
-        RegionTooSmall
-            If a larger region is needed.
-        QualityRefused
-            If no valid mesh was found.
         """
         check_time()
         read = checked_cells(points, cells)

@@ -17,10 +17,10 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from mesh_motion_numerics.arrays import Floats, Integers, Marks
-from mesh_motion_numerics.mesh.boundary_orientation import closed_parts, of_one_width
-from mesh_motion_numerics.mesh.points import spread
+from mesh_motion_numerics.mesh.boundary_orientation import closed_parts
+from mesh_motion_numerics.mesh.points import marks_at, spread
 from mesh_motion_numerics.mesh.rigid_transforms import Transform
-from mesh_motion_numerics.mesh.smooth_pieces import area_vectors, as_simplices
+from mesh_motion_numerics.mesh.smooth_pieces import area_vectors, as_simplices, of_one_width
 
 #: Smallest number of tested places, spread over all: a part that has left is found by any node that is outside …
 _PROBES = 16
@@ -137,9 +137,7 @@ def left_place(
     if not facets:
         return None
     rows = of_one_width(facets)
-    moves = np.zeros(len(points) + 1, dtype=bool)  # the last one for the -1 of a triangle
-    moves[moving] = moves[-1] = True
-    own = moves[rows].all(axis=1)
+    own = marks_at(len(points) + 1, np.append(moving, -1))[rows].all(axis=1)  # the last mark is for a triangle's -1
     parts, _ = closed_parts(rows, prescribed, len(points))
     joined = np.bincount(parts, ~own) > 0
     walls = as_simplices(rows[own & joined[parts]])

@@ -18,41 +18,30 @@ from mesh_motion_numerics.arrays import Floats, Integers, Marks
 from mesh_motion_numerics.mesh.boundary_crossing import BoundaryFacets
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.mesh.morton import morton_codes
+from mesh_motion_numerics.mesh.smooth_pieces import as_simplices, of_one_width
 
 _BLOCK = 16  # facets
-_SPLITS = {"line": ((0, 1),), "triangle": ((0, 2, 1),), "quad": ((0, 2, 1), (0, 3, 2))}
 
 
 @dataclass(frozen=True, eq=False)
 class ContactAhead:
-    """The facets of a boundary all of whose nodes have prescribed positions.
+    """The facets of a boundary all of whose nodes have prescribed positions."""
 
-    Attributes
-    ----------
-    facets : (f, d) int32 array
-        Segments or triangles; followed by a node on their inner side, where the cells are, they are a simplex of
-        positive volume.
-    starts : (b,) int64 array
-        The first facets of blocks of neighbours that face the same side of the axes.
-    moving : (f,) bool array
-        Whether a node of the facet moves.
-    stiff : CellTable or None
-        The cells without a free node, if there are any.
-    """
-
+    #: (f, d). Segments or triangles; followed by a node on their inner side, where the cells are, they are a simplex of
+    #: positive volume.
     facets: NDArray[np.int32]
-    starts: Integers
-    moving: Marks
-    stiff: CellTable | None
+    starts: Integers  # (b,). The first facets of blocks of neighbours that face the same side of the axes
+    moving: Marks  # (f,). Whether a node of the facet moves
+    stiff: CellTable | None  # The cells without a free node, if there are any
 
     @classmethod
     def build(cls, boundary: BoundaryFacets, points: Floats, stiff: CellTable | None = None) -> ContactAhead:
         """Build it for reference coordinates (n, d)."""
-        parts = [nodes[:, list(one)] for name, nodes in boundary.nodes.items() for one in _SPLITS[name]]
-        facets = np.concatenate(parts).astype(np.int32)
+        facets = as_simplices(of_one_width(boundary.nodes)).astype(np.int32)
+        facets[:, 1:] = facets[:, :0:-1].copy()  # outwards → inwards
         edges = points[facets[:, 1:]] - points[facets[:, :1]]
         normals = np.cross(edges[:, 0], edges[:, 1]) if len(facets[0]) == 3 else edges[:, 0, ::-1] * [-1.0, 1.0]
-        axes, moving = np.abs(normals).argmax(axis=1), boundary.moving[facets].any(axis=1)
+        axes, moving = np.abs(normals).argmax(axis=1), np.asarray(boundary.moving[facets].any(axis=1))
         back = np.take_along_axis(normals, axes[:, None], axis=1)[:, 0] < 0.0
         kinds = 6 * moving + 2 * axes + back
         order = np.lexsort((morton_codes(points[facets].mean(axis=1)), kinds))

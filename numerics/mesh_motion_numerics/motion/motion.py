@@ -25,17 +25,11 @@ from mesh_motion_numerics.correction.correction_problem import CorrectionProblem
 from mesh_motion_numerics.correction.smooth_motion import SmoothMotion
 from mesh_motion_numerics.correction.trial_nodes import TrialMesh
 from mesh_motion_numerics.interpolation.factor_source import FactorSource, MakeEachTime, Recorded
-from mesh_motion_numerics.motion.acceptance import (
-    largest_accepted,
-    other_unit,
-    refuse_unacceptable,
-    way_out,
-)
+from mesh_motion_numerics.motion.acceptance import largest_accepted, other_unit, refuse_unacceptable, way_out
 from mesh_motion_numerics.motion.body_paths import Way, ways
 from mesh_motion_numerics.motion.boundary_layer import BoundaryLayer, held_with
 from mesh_motion_numerics.motion.crossing import NoMeshExists
-from mesh_motion_numerics.motion.exact_displacements import BoundaryDisplacement
-from mesh_motion_numerics.motion.motion_found import Motion
+from mesh_motion_numerics.motion.motion_found import BoundaryDisplacement, Motion
 from mesh_motion_numerics.motion.motion_slope import DifferentiableMesh
 from mesh_motion_numerics.motion.smooth_step import NOT_SMOOTH, PlainWay, smooth_step, unconverged
 from mesh_motion_numerics.motion.standard_motion import StandardMotion, StandardTrial
@@ -234,6 +228,10 @@ class MotionModel(DifferentiableMesh):
         check_time()
         predicted = self._interpolate(step, self.carrying_layers, watch, turns)
         plain, moving = predicted.trial.points, step.committed[self.roles.moving]
+        if turns is None:
+            self._latest.keep(step.targets, plain)
+        if predicted.distorted is not None and not len(predicted.distorted):  # no cell resists
+            return self._accept(predicted, Correction(plain, plain[:0]), watch)
 
         def plain_at(targets: Floats, fraction: float) -> Floats:
             return self._plain(predicted.motion, replace(step, targets=targets), turns, fraction).points
@@ -245,8 +243,6 @@ class MotionModel(DifferentiableMesh):
             for path in self._ways(moving, step.targets) if self.method.sub_steps != "never" else ():
                 yield lambda t, path=path: plain_at(path.at(t), t)  # type: ignore[misc]
 
-        if turns is None:
-            self._latest.keep(step.targets, plain)
         with watch.phase("correct"), one_blas_thread():
             carried = None
             if turns is not None and self.winding is not None:
@@ -264,7 +260,8 @@ class MotionModel(DifferentiableMesh):
         self, step: _Step, motion: StandardMotion, watch: Stopwatch, turns: Turns | None = None
     ) -> _Predicted:
         """Interpolate the motion and judge the mesh."""
-        self._refuse_passing(step.committed, step.targets)
+        if len(self.coincident) and not self.method.allow_invalid:
+            self.boundary.refuse_passing(step.committed, step.targets)
         predicted = self._predict(motion, step, watch, turns)
         if self.smooth is None and motion.sliding is not None and predicted.quality.metric.min < _GOOD:
             held = self._predict(replace(motion, sliding=motion.sliding.held()), step, watch)
@@ -273,11 +270,6 @@ class MotionModel(DifferentiableMesh):
                 predicted = held
         self._refuse_impossible(predicted.trial.points, step.targets, predicted.quality)
         return predicted
-
-    def _refuse_passing(self, points: Floats, targets: Floats) -> None:
-        """Refuse nodes at the same place at rest that would pass through each other."""
-        if len(self.coincident) and not self.method.allow_invalid:
-            self.boundary.refuse_passing(points, targets)
 
     def _refuse_impossible(self, plain: Floats, targets: Floats, quality: Judgement) -> None:
         """Refuse the plain motion (n, d), which has this quality, if the boundary alone shows that no mesh exists."""
@@ -339,7 +331,6 @@ class MotionModel(DifferentiableMesh):
             reference=self.points,
             constraint=self.constraint_with(layer),
             valid=step.valid,
-            last=step.committed,
             known=None if quality.inverted else quality.metric.min,
         )
         with watch.phase("correct"):
@@ -379,11 +370,7 @@ class MotionModel(DifferentiableMesh):
         """
         start = step.committed if self.method.displacement == "relative" else self.points
         self.boundary.refuse(start, step.targets, refusal)
-        alike = self.with_method(
-            displacement="relative",
-            correction_target="threshold",
-            refuse_below_threshold=False,
-        )
+        alike = self.with_method(displacement="relative", correction_target="threshold", refuse_below_threshold=False)
 
         def move(points: Floats, waypoint: Floats) -> Leg:
             self.boundary.refuse(points, waypoint)
@@ -450,7 +437,8 @@ class MotionModel(DifferentiableMesh):
                 return accepts(plain, fraction)
             targets, points = whole.at(fraction), between(fraction)
             try:
-                plain._refuse_passing(step.committed, targets)
+                if len(self.coincident) and not method.allow_invalid:
+                    self.boundary.refuse_passing(step.committed, targets)
                 quality = plain.summary(points)
                 plain._refuse_impossible(points, targets, quality)
                 refuse_unacceptable(plain.method, quality, quality.metric.min >= method.quality_threshold)

@@ -1,11 +1,23 @@
-"""The result of one motion of a mesh: positions, qualities, the result of the correction, and the cost."""
+"""One motion of a mesh: the requested displacement; the positions, qualities, correction and cost that result."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from mesh_motion_numerics.arrays import Floats, Integers
 from mesh_motion_numerics.correction.correction import Correction
 from mesh_motion_numerics.interpolation.two_scale.interpolant import AnyInterpolant
 from mesh_motion_numerics.quality.quality_summary import Judgement
+
+
+class BoundaryDisplacement(NamedTuple):
+    """The requested motion: (k, d) start positions of the moving nodes, and their displacement (k, d) from there."""
+
+    origin: Floats
+    displacement: Floats
+
+    def at(self, fraction: float) -> Floats:
+        """(k, d) positions of the moving nodes after a fraction of the displacement."""
+        return self.origin + fraction * self.displacement
 
 
 @dataclass(frozen=True, eq=False)

@@ -34,18 +34,11 @@ from mesh_motion_numerics.stopwatch import Stopwatch
 
 @dataclass(frozen=True, eq=False)
 class MotionSlope:
-    """The derivative J of all nodes' positions by those of the moving nodes, at one mesh.
-
-    Attributes
-    ----------
-    smooth : SmoothSlope or None
-        Derivative of the correction; None without one.
-    winding : WindingSlope or None
-        Derivative of the winding of the plain motion; None if no body has turned by more than a quarter turn.
-    """
+    """The derivative J of all nodes' positions by those of the moving nodes, at one mesh."""
 
     plain: PlainSlope
-    smooth: SmoothSlope | None
+    smooth: SmoothSlope | None  # Derivative of the correction; None without one
+    #: Derivative of the winding of the plain motion; None if no body has turned by more than a quarter turn.
     winding: WindingSlope | None = None
 
     def tangent(self, velocity: Floats) -> Floats:
@@ -82,12 +75,8 @@ class DifferentiableMesh(PreparedMesh):
     def slope(self, points: Floats, factors: FactorSource) -> MotionSlope:
         """The derivative of the motion that has led to ``points`` (n, d).
 
-        Raises
-        ------
-        InvalidInput
-            If the motion has no derivative.
-        QualityRefused
-            If the mesh was corrected by another correction.
+        Raises InvalidInput if the motion has no derivative. Raises QualityRefused if the mesh was corrected by another
+        correction.
         """
         refusal = self.why_no_slope()
         if refusal is not None:
@@ -142,10 +131,11 @@ def why_no_slope(motion: StandardMotion) -> InvalidInput | None:
         return None
     first = next(iter(wrong))
     ways_out = (f"{key} {' or '.join(map(repr, allowed))}" for key, allowed in wrong.items())
-    return _no_slope(
+    return InvalidInput(
         f"{first} = {getattr(method, first)!r}: the motion is no differentiable function of the boundary",
-        f"open the session with {' and '.join(ways_out)}",
-        setting=first,
+        code="FAILED_PRECONDITION",
+        hint=f"open the session with {' and '.join(ways_out)}",
+        details={"setting": first},
     )
 
 
@@ -154,17 +144,14 @@ def motion_slope(
 ) -> MotionSlope:
     """Return the derivative at a mesh.
 
+    Raises QualityRefused if the mesh was corrected by another correction.
+
     Parameters
     ----------
     smooth : SmoothMotion or None
         The correction that followed.
     plain, points : (n, d) arrays, mesh length unit
         Results of the motion alone, and with its correction.
-
-    Raises
-    ------
-    QualityRefused
-        If the mesh was corrected by another correction.
     """
     slope = plain_slope(motion, plain, factors)
     return MotionSlope(slope, None if smooth is None else SmoothSlope.build(smooth, plain, points))
@@ -173,10 +160,7 @@ def motion_slope(
 def plain_slope(motion: StandardMotion, plain: Floats, factors: FactorSource) -> PlainSlope:
     """Return the derivative of a motion without correction that has led to ``plain`` (n, d).
 
-    Raises
-    ------
-    QualityRefused
-        If there is no derivative at these points.
+    Raises QualityRefused if there is no derivative at these points.
     """
     _refuse_held_order(motion, plain[motion.roles.moving], plain, factors)
     return PlainSlope.build(motion, plain, factors)
@@ -196,10 +180,6 @@ def _refuse_held_order(motion: StandardMotion, targets: Floats, plain: Floats, f
             code="FAILED_PRECONDITION",
             hint="request it at a smaller displacement, or give the wall the role fixed",
         )
-
-
-def _no_slope(message: str, hint: str, **details: object) -> InvalidInput:
-    return InvalidInput(message, code="FAILED_PRECONDITION", hint=hint, details=details)
 
 
 @dataclass(frozen=True, eq=False)

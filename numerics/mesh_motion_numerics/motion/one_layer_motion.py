@@ -20,9 +20,8 @@ from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.mesh.one_layer import OneLayer
 from mesh_motion_numerics.mesh.roles import BoundaryRoles, Patch
 from mesh_motion_numerics.method import Method
-from mesh_motion_numerics.motion.exact_displacements import BoundaryDisplacement
 from mesh_motion_numerics.motion.motion import MotionModel
-from mesh_motion_numerics.motion.motion_found import Motion
+from mesh_motion_numerics.motion.motion_found import BoundaryDisplacement, Motion
 from mesh_motion_numerics.motion.motion_slope import MotionSlope
 from mesh_motion_numerics.quality.headroom import Headroom
 from mesh_motion_numerics.quality.mesh_check import checked_mesh

@@ -14,12 +14,11 @@ from dataclasses import dataclass
 from itertools import combinations, permutations
 
 import numpy as np
-from scipy.sparse.csgraph import connected_components
 
 from mesh_motion_numerics.arrays import Floats, Integers, Marks
-from mesh_motion_numerics.mesh.boundary_orientation import of_one_width
+from mesh_motion_numerics.mesh.neighbours import parts_of
 from mesh_motion_numerics.mesh.points import spread
-from mesh_motion_numerics.mesh.smooth_pieces import area_vectors, as_simplices
+from mesh_motion_numerics.mesh.smooth_pieces import area_vectors, as_simplices, of_one_width
 
 #: Places closer than this share of the facets' coordinates or sizes are one place.
 _SAME = 1e-13
@@ -128,9 +127,9 @@ def _contains(corners: Floats, place: Floats, tolerance: float) -> Marks:
 
 def _stars(rows: Integers, points: Floats, place: Floats, tolerance: float) -> Iterator[_Star]:
     """The connected parts of simplices (a, d) at a place (d,) that surround the place completely."""
-    links = (rows[:, None, :, None] == rows[None, :, None, :]).any(axis=(2, 3))
-    count, parts = connected_components(links, directed=False)
-    for part in range(count):
+    used, numbers = np.unique(rows, return_inverse=True)
+    parts = parts_of(numbers.reshape(rows.shape), len(used))
+    for part in range(parts.max(initial=-1) + 1):
         rays, outward = [], []
         ends: list[int] = []
         for row in rows[parts == part]:

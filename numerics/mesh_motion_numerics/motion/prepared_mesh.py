@@ -35,49 +35,25 @@ _SOON = 20.0
 
 @dataclass(frozen=True, eq=False)
 class PreparedMesh:
-    """A checked mesh with a method, prepared for its motions.
+    """A checked mesh with a method, prepared for its motions."""
 
-    Attributes
-    ----------
-    points : (n, d) array
-        Reference coordinates, mesh length unit.
-    method : Method
-        The method with both radii set.
-    reference_sizes : (m,) array or CellsAtRest
-        Summed corner determinants of the reference cells: the w of thesis (3.21); with their skews if the metric uses
-        them.
-    held : (n,) bool array
-        Nodes on the boundary or on a patch. No correction may move them.
-    constraint : BoundaryConstraint or None
-        Which of the held nodes the optimised correction may still move, and how.
-    warnings : tuple of str
-        The warnings of :func:`checked_mesh`.
-    smooth : SmoothMotion or None
-        The prepared correction "smooth"; None with every other correction.
-    layered : LayeredWalls or None
-        Walls whose layers move with them if interpolation would spoil the layers; None without such walls.
-    distributions : bool
-        Whether a judgement contains the distributions, or the worst cells alone.
-    coincident : (c, 2) int64 array
-        Boundary nodes at the same place: the first one, and another one.
-    rims : PlaneRims or None
-        Moving nodes on plane slip and symmetry walls; None without such walls.
-    """
-
-    points: Floats
+    points: Floats  # (n, d). Reference coordinates, mesh length unit
     cells: CellTable
     roles: BoundaryRoles
-    method: Method
+    method: Method  # The method with both radii set
+    #: (m,) or CellsAtRest. Summed corner determinants of the reference cells: the w of thesis (3.21); with their skews
+    #: if the metric uses them.
     reference_sizes: AtRest
-    held: Marks
+    held: Marks  # (n,). Nodes on the boundary or on a patch. No correction may move them
     standard_motion: StandardMotion
-    constraint: BoundaryConstraint | None
-    coincident: Integers
-    rims: PlaneRims | None
-    warnings: tuple[str, ...]
-    smooth: SmoothMotion | None = None
+    constraint: BoundaryConstraint | None  # Which of the held nodes the optimised correction may still move, and how
+    coincident: Integers  # (c, 2). Boundary nodes at the same place: the first one, and another one
+    rims: PlaneRims | None  # Moving nodes on plane slip and symmetry walls; None without such walls
+    warnings: tuple[str, ...]  # The warnings of :func:`checked_mesh`
+    smooth: SmoothMotion | None = None  # The prepared correction "smooth"; None with every other correction
+    #: Walls whose layers move with them if interpolation would spoil the layers; None without such walls.
     layered: LayeredWalls | None = None
-    distributions: bool = True
+    distributions: bool = True  # Whether a judgement contains the distributions, or the worst cells alone
 
     @classmethod
     def build(
@@ -90,10 +66,8 @@ class PreparedMesh:
     ) -> Self:
         """Check the mesh, unless it is ``checked`` already, and prepare what every motion needs.
 
-        Raises
-        ------
-        InvalidInput
-            If the mesh or a patch is unusable (see :func:`checked_mesh`), or the method does not fit the mesh.
+        Raises InvalidInput if the mesh or a patch is unusable (see :func:`checked_mesh`), or the method does not fit
+        the mesh.
         """
         cells, sizes, warnings, resting, coincident, loose = checked or checked_mesh(points, cells, patches)
         if len(resting):

@@ -12,6 +12,7 @@ from mesh_motion_protocol.errors import QualityRefused
 from mesh_motion_numerics.arrays import Floats, Integers
 from mesh_motion_numerics.decomposition import nearest_rotation_slope
 from mesh_motion_numerics.mesh.paths import RigidMotion
+from mesh_motion_numerics.mesh.rigid_transforms import cross_matrix
 from mesh_motion_numerics.mesh.sliding import ACROSS, SlidingSurfaces
 from mesh_motion_numerics.motion.standard_motion import StandardMotion
 
@@ -51,10 +52,7 @@ class RigidSlope:
 def rigid_slope(motion: StandardMotion, controls: Integers, goal: Floats, places: Floats) -> RigidSlope | None:
     """The derivative for control nodes (c,) from the reference mesh to ``goal`` (n, d); None without a rigid part.
 
-    Raises
-    ------
-    QualityRefused
-        At rest, if the direction of the motion decides whether the mesh is carried along.
+    Raises QualityRefused at rest, if the direction of the motion decides whether the mesh is carried along.
     """
     origin, there = motion.reference[controls], goal[controls]
     at_rest = np.array_equal(origin, there)
@@ -90,8 +88,8 @@ def _carries(motion: StandardMotion, origin: Floats, there: Floats, *, at_rest: 
 
 def _about_axis(fitted: RigidMotion, arms: Floats, goals: Floats) -> Floats:
     """(d, d, d, d) derivative of the rotation about an axis, whose angle is atan2(Σ a · (x × y), Σ x · y)."""
-    d, (x, y, z) = arms.shape[1], fitted.axis
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])[:d, :d]
+    d = arms.shape[1]
+    cross = cross_matrix(fitted.axis)[:d, :d]
     across = np.eye(d) - np.outer(fitted.axis, fitted.axis)[:d, :d]
     spread = goals.T @ arms
     sine, cosine = float(np.sum(cross * spread)), float(np.sum(across * spread))
@@ -102,10 +100,7 @@ def _about_axis(fitted: RigidMotion, arms: Floats, goals: Floats) -> Floats:
 def _carried_at_rest(sliding: SlidingSurfaces, along: Floats, turn: Floats, centre: Floats) -> bool:
     """Whether the walls admit every small rigid motion, or none that moves the mesh.
 
-    Raises
-    ------
-    QualityRefused
-        If they admit only some of them.
+    Raises QualityRefused if they admit only some of them.
     """
     d, places = len(along), sliding.reference
     spins = _range(turn.reshape(d * d, d * d)).reshape(-1, d, d)

@@ -47,7 +47,7 @@ class Followed:
         found = self.found
         return Correction(
             found.points,
-            np.empty((0, found.points.shape[1])),
+            found.points[:0],
             freed_nodes=found.freed,
             iterations=self.iterations,
             method="smooth" if found.freed else "none",
@@ -100,6 +100,8 @@ def smooth_step(
 ) -> Followed:
     """The corrected mesh for the ``plain`` motion (n, d).
 
+    Raises QualityRefused if no way leads to a valid mesh; the message says how far the mesh stayed valid.
+
     Parameters
     ----------
     committed, plain : (n, d) arrays, mesh length unit
@@ -112,11 +114,6 @@ def smooth_step(
         Carries a mesh along a part of the way; by default with the plain motion.
     distorted : (k,) int64 array, optional
         As in :meth:`.SmoothMotion.correct`.
-
-    Raises
-    ------
-    QualityRefused
-        If no way leads to a valid mesh; the message says how far the mesh stayed valid.
     """
     carried = carried or _with_plain
     at_once = correction.correct(plain, [lambda: carried(committed, plain_before(), plain, 0.0, 1.0)], distorted)

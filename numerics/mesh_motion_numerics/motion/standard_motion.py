@@ -72,21 +72,12 @@ _MAX_SUBSTEPS = 20
 
 @dataclass(frozen=True, eq=False)
 class Stage:
-    """``x → rigid(x) + S(x)``.
+    """``x → rigid(x) + S(x)``."""
 
-    Attributes
-    ----------
-    rigid : RigidMotion or None
-        None means the identity.
-    interpolant : Interpolant or TwoScaleInterpolant
-        S, or its first level if few control points represent the boundary.
-    further : tuple of Interpolant
-        The other levels of S; S is the sum of all levels.
-    """
-
-    rigid: RigidMotion | None
+    rigid: RigidMotion | None  # None means the identity
+    #: S, or its first level if few control points represent the boundary.
     interpolant: AnyInterpolant
-    further: tuple[AnyInterpolant, ...] = ()
+    further: tuple[AnyInterpolant, ...] = ()  # The other levels of S; S is the sum of all levels
 
     def positions(self, points: Floats, prepared: Sequence[NearOperator] | None = None) -> Floats:
         """(n, d) new positions of points (n, d); ``prepared`` as in :func:`.evaluation.displacement`."""
@@ -108,65 +99,33 @@ class Solved(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class StandardTrial:
-    """The positions of all nodes by the standard motion.
+    """The positions of all nodes by the standard motion."""
 
-    Attributes
-    ----------
-    start : (n, d) array
-        Positions from which the interpolation started, mesh length unit.
-    points : (n, d) array
-        Trial positions.
-    stages : sequence of Stage
-        The motion from ``start``, anywhere.
-    factorization : Factorization
-        Factorization of all nodes with a role at ``start`` (with a boundary layer's outermost nodes instead of the wall
-        behind them). With a reduction it is made at its first use. It includes periodic nodes only if an enrichment
-        follows.
-    control_points : (nc,) int64 array
-        Control nodes of the last interpolation: all nodes with a role, or those that a reduction chose.
-    """
-
-    start: Floats
-    points: Floats
-    stages: Sequence[Stage]
+    start: Floats  # (n, d). Positions from which the interpolation started, mesh length unit
+    points: Floats  # (n, d). Trial positions
+    stages: Sequence[Stage]  # The motion from ``start``, anywhere
+    #: Factorization of all nodes with a role at ``start`` (with a boundary layer's outermost nodes instead of the wall
+    #: behind them). With a reduction it is made at its first use. It includes periodic nodes only if an enrichment
+    #: follows.
     factorization: Factorization
+    #: (nc,). Control nodes of the last interpolation: all nodes with a role, or those that a reduction chose.
     control_points: Integers
 
 
 @dataclass(frozen=True, eq=False)
 class StandardMotion:
-    """The standard motion of one mesh.
+    """The standard motion of one mesh."""
 
-    Attributes
-    ----------
-    reference : (n, d) array
-        Reference coordinates, mesh length unit.
-    method : Method
-        The method with its support radius set.
-    surfaces : dict of (p,) int64 arrays
-        The nodes of the :func:`.whole_walls`.
-    sliding : SlidingSurfaces or None
-        Surfaces on which ``roles.sliding`` stay; None without such nodes.
-    periodic : PeriodicNodes or None
-        Nodes that move together; None without periodic patches.
-    spacing : float, mesh length unit
-        Spacing of the moving nodes in the reference mesh; 0 if no reduction needs it.
-    plans : dict of TwoScalePlan
-        The sets of control nodes that are interpolated in two scales, by their bytes.
-    layer : BoundaryLayer or None
-        Nodes that the moving walls carry with them.
-    """
-
-    reference: Floats
+    reference: Floats  # (n, d). Reference coordinates, mesh length unit
     roles: BoundaryRoles
-    method: Method
-    surfaces: Mapping[str, Integers]
-    sliding: SlidingSurfaces | None
-    periodic: PeriodicNodes | None
-    spacing: float
-    plans: Mapping[bytes, TwoScalePlan]
+    method: Method  # The method with its support radius set
+    surfaces: Mapping[str, Integers]  # (p,) each. The nodes of the :func:`.whole_walls`
+    sliding: SlidingSurfaces | None  # Surfaces on which ``roles.sliding`` stay; None without such nodes
+    periodic: PeriodicNodes | None  # Nodes that move together; None without periodic patches
+    spacing: float  # mesh length unit. Spacing of the moving nodes in the reference mesh; 0 if no reduction needs it
+    plans: Mapping[bytes, TwoScalePlan]  # The sets of control nodes that are interpolated in two scales, by their bytes
     reach: Reach
-    layer: BoundaryLayer | None = None
+    layer: BoundaryLayer | None = None  # Nodes that the moving walls carry with them
 
     @classmethod
     def build(

@@ -64,11 +64,6 @@ class WindingBody:
     chain: NDArray[np.integer]
     edges: Floats  # (p, d, d), mesh length unit. Of these from their first nodes, in the reference mesh
 
-    def edges_at(self, points: Floats) -> Floats:
-        """The edges (p, d, d) with the mesh's nodes at ``points`` (n, d)."""
-        edges: Floats = points[self.chain[:, 1:]] - points[self.chain[:, :1]]
-        return edges
-
 
 @dataclass(frozen=True, eq=False)
 class Turns:
@@ -127,7 +122,8 @@ class Winding:
     def _may_wind(self, committed: Floats, targets: Floats) -> bool:
         """False if no edge of a body's chain has turned by a quarter turn, and no body will have either."""
         for body in self.bodies:
-            if not (np.einsum("pij,pij->pi", body.edges_at(committed), body.edges) > 0.0).all():
+            edges = committed[body.chain[:, 1:]] - committed[body.chain[:, :1]]
+            if not (np.einsum("pij,pij->pi", edges, body.edges) > 0.0).all():
                 return True
             if abs(fit_rigid_motion(self.reference[self.moving[body.rows]], targets[body.rows]).angle) > _FIRST:
                 return True
@@ -135,7 +131,8 @@ class Winding:
 
     def _rotations(self, body: WindingBody, points: Floats) -> Rotation:
         """Those (p,) of the chain's simplices when the nodes are at ``points`` (n, d)."""
-        turned = nearest_rotation(np.swapaxes(np.linalg.solve(body.edges, body.edges_at(points)), 1, 2))
+        edges = points[body.chain[:, 1:]] - points[body.chain[:, :1]]
+        turned = nearest_rotation(np.swapaxes(np.linalg.solve(body.edges, edges), 1, 2))
         whole = np.tile(np.eye(3), (len(turned), 1, 1))
         whole[:, : turned.shape[1], : turned.shape[1]] = turned
         return Rotation.from_matrix(whole)

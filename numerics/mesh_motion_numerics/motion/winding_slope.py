@@ -21,42 +21,24 @@ from mesh_motion_numerics.motion.winding import Turns, Winding, fitted_rotation,
 
 @dataclass(frozen=True, eq=False)
 class _Body:
-    """One body that winds the mesh.
+    """One body that winds the mesh."""
 
-    Attributes
-    ----------
-    rows : (b,) int64 array
-        Its nodes, as rows among the moving nodes.
-    twist : (b, d) array
-        dφ for the nodes' velocities.
-    later : float
-        Derivative by φ of the distortion at which cells resist.
-    back, wind : (d, d), (n, d, d) arrays
-        R(−φ), and R(φ g) − 1 at all nodes.
-    back_turning, turning : (b, d), (n, d) arrays
-        Derivatives of ``back`` and y by φ.
-    """
-
-    rows: Integers
-    twist: Floats
-    later: float
+    rows: Integers  # (b,). Its nodes, as rows among the moving nodes
+    twist: Floats  # (b, d). dφ for the nodes' velocities
+    later: float  # Derivative by φ of the distortion at which cells resist
+    #: back, wind: (d, d), (n, d, d). R(−φ), and R(φ g) − 1 at all nodes.
     back: Floats
     wind: Floats
+    #: back_turning, turning: (b, d), (n, d). Derivatives of ``back`` and y by φ.
     back_turning: Floats
     turning: Floats
 
 
 @dataclass(frozen=True, eq=False)
 class WindingSlope:
-    """The derivative at one mesh.
+    """The derivative at one mesh."""
 
-    Attributes
-    ----------
-    moving : (k,) int64 array
-        Nodes of the moving boundary.
-    """
-
-    moving: Integers
+    moving: Integers  # (k,). Nodes of the moving boundary
     bodies: tuple[_Body, ...]
 
     @classmethod

@@ -21,22 +21,13 @@ _NEAR, _MORE = 6.0, 1.5  # from so many steps on, resisting cells keep the thres
 
 @dataclass(frozen=True)
 class Headroom:
-    """Multiples of a step that can follow it, if every node continues in this way; ``inf`` beyond :data:`HORIZON`.
+    """Multiples of a step that can follow it, if every node continues in this way; ``inf`` beyond :data:`HORIZON`."""
 
-    Attributes
-    ----------
-    inversion : float
-        Until the first cell inverts; with the smooth correction, until none can be valid.
-    threshold : float
-        Until a cell of those that invert first, or of the worst ones, is below the quality threshold; 0 if the mesh
-        is below it now.
-    cell : int
-        The cell that inverts first if all nodes go straight on.
-    """
-
-    inversion: float
+    inversion: float  # Until the first cell inverts; with the smooth correction, until none can be valid
+    #: Until a cell of those that invert first, or of the worst ones, is below the quality threshold; 0 if the mesh is
+    #: below it now.
     threshold: float
-    cell: int
+    cell: int  # The cell that inverts first if all nodes go straight on
 
 
 def headroom(
@@ -101,8 +92,7 @@ def _on_the_way(
 
     The cells are judged at all places together, as a mesh with a copy of them for each place.
     """
-    spans = [(numbers >= span.start) & (numbers < span.stop) for _, span in cells.numbered]
-    own = [block.nodes[numbers[here] - span.start] for (block, span), here in zip(cells.numbered, spans, strict=True)]
+    own = [block.nodes[rows] for block, _, rows in cells.located(numbers)]
     nodes = np.unique(np.concatenate([rows.ravel() for rows in own]))
     shifts = len(nodes) * np.arange(_PLACES)[:, None, None]
     copies = {
@@ -110,7 +100,7 @@ def _on_the_way(
         for block, rows in zip(cells, own, strict=True)
     }
     table = CellTable.from_arrays(copies)
-    at_rest = rest[np.concatenate([np.tile(numbers[here], _PLACES) for here in spans])]
+    at_rest = rest[np.concatenate([np.tile(numbers[here], _PLACES) for _, here, _ in cells.located(numbers)])]
     if isinstance(at_rest, CellsAtRest):
         at_rest = at_rest.of_nodes(np.tile(nodes, _PLACES))
     begin, way = points[nodes], points[nodes] - before[nodes]

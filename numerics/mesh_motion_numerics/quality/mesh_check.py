@@ -20,13 +20,8 @@ from mesh_motion_numerics.mesh.boundary_facets import boundary_nodes
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.mesh.coincidence import coincident_nodes
 from mesh_motion_numerics.mesh.hanging_nodes import refuse_hanging_nodes, refuse_split_facets
-from mesh_motion_numerics.mesh.patch_check import (
-    check_patches,
-    nodes_behind_fixed,
-    nodes_in_no_patch,
-    patch_warnings,
-)
-from mesh_motion_numerics.mesh.points import bounding_box
+from mesh_motion_numerics.mesh.patch_check import check_patches, nodes_behind_fixed, nodes_in_no_patch, patch_warnings
+from mesh_motion_numerics.mesh.points import bounding_box, marks_at
 from mesh_motion_numerics.mesh.roles import Patch
 from mesh_motion_numerics.quality.metrics import cell_quality, reference_sizes
 from mesh_motion_numerics.quality.orientation import OrientedCells, oriented
@@ -40,28 +35,15 @@ _SMALLEST_EXTENT, _LARGEST_EXTENT = 1e-12, 1e15
 
 
 class CheckedMesh(NamedTuple):
-    """The result of the check of a usable mesh.
+    """The result of the check of a usable mesh."""
 
-    Attributes
-    ----------
-    cells : CellTable
-        In one orientation (:mod:`.orientation`); all later code computes with these.
-    reference_sizes : (m,) array
-        Result of :func:`~mesh_motion_numerics.quality.metrics.reference_sizes`, all positive.
-    resting : (r,) int64 array
-        Nodes in no patch that stay where they are: those behind fixed nodes.
-    coincident : (c, 2) int64 array
-        Boundary or patch nodes at the same place: the first one, and another one.
-    loose : (l,) int64 array
-        Nodes in no cell and in no patch.
-    """
-
-    cells: CellTable
+    cells: CellTable  # In one orientation (:mod:`.orientation`); all later code computes with these
+    #: (m,). Result of :func:`~mesh_motion_numerics.quality.metrics.reference_sizes`, all positive.
     reference_sizes: Floats
     warnings: list[str]
-    resting: Integers
-    coincident: Integers
-    loose: Integers
+    resting: Integers  # (r,). Nodes in no patch that stay where they are: those behind fixed nodes
+    coincident: Integers  # (c, 2). Boundary or patch nodes at the same place: the first one, and another one
+    loose: Integers  # (l,). Nodes in no cell and in no patch
 
 
 def checked_mesh(points: Floats, cells: CellTable, patches: Mapping[str, Patch]) -> CheckedMesh:
@@ -228,10 +210,7 @@ def _coincident(pairs: Integers) -> list[str]:
 
 def nodes_in_no_cell(n: int, cells: CellTable) -> Integers:
     """The nodes of ``n`` that are in no cell, ascending."""
-    used = np.zeros(n, dtype=bool)
-    for block in cells:
-        used[block.nodes] = True
-    return np.flatnonzero(~used)
+    return np.flatnonzero(~marks_at(n, *(block.nodes for block in cells)))
 
 
 def _orphans(orphans: Integers) -> list[str]:

@@ -267,13 +267,12 @@ def subset_quality(
     chosen, sizes = np.asarray(numbers, dtype=np.int64), sizes_of(reference_sizes)
     rest = reference_sizes if isinstance(reference_sizes, CellsAtRest) else None
     out = replace(empty_quality(len(chosen)), relative=None if rest is None else np.empty(len(chosen)))
-    for block, rows in cells.numbered:
-        here = np.flatnonzero((chosen >= rows.start) & (chosen < rows.stop))
-        part, own = empty_quality(len(here)), chosen[here] - rows.start
-        _block_quality(positions, block.nodes[own], sizes[rows][own], part, slice(None))
+    for block, here, own in cells.located(chosen):
+        part = empty_quality(len(own))
+        _block_quality(positions, block.nodes[own], sizes[chosen[here]], part, slice(None))
         out.size[here], out.skew[here], out.inverted[here] = part.size, part.skew, part.inverted
         if rest is not None and out.relative is not None:
-            relative = np.empty(len(here))
+            relative = np.empty(len(own))
             _relate(positions, block.nodes[own], rest[chosen[here]], part.skew, relative)
             out.relative[here] = relative
     return out

@@ -30,21 +30,11 @@ _PLURALS = {"tetra": "tetrahedra", "hexahedron": "hexahedra"}
 
 
 class OrientedCells(NamedTuple):
-    """Cells in the orientation of :data:`~mesh_motion_numerics.mesh.cells.CELL_TYPES`.
+    """Cells in the orientation of :data:`~mesh_motion_numerics.mesh.cells.CELL_TYPES`."""
 
-    Attributes
-    ----------
-    cells : CellTable
-        The same table object if no cell was mirrored.
-    sizes : (m,) array
-        Result of :func:`~mesh_motion_numerics.quality.metrics.reference_sizes`.
-    mirrored : (k,) int64 array
-        Numbers of the mirrored cells, ascending.
-    """
-
-    cells: CellTable
-    sizes: Floats
-    mirrored: Integers
+    cells: CellTable  # The same table object if no cell was mirrored
+    sizes: Floats  # (m,). Result of :func:`~mesh_motion_numerics.quality.metrics.reference_sizes`
+    mirrored: Integers  # (k,). Numbers of the mirrored cells, ascending
 
     @property
     def warnings(self) -> list[str]:
@@ -93,8 +83,7 @@ def oriented_at_rest(points: NDArray[np.floating], cells: CellTable) -> tuple[Ce
 def _mirrored(cells: CellTable, numbers: Integers) -> CellTable:
     """The cells, in which those with these numbers are replaced by their mirror images."""
     blocks = []
-    for block, span in cells.numbered:
-        rows = numbers[(numbers >= span.start) & (numbers < span.stop)] - span.start
+    for block, _, rows in cells.located(numbers):
         nodes = block.nodes.copy()
         nodes[rows] = block.nodes[rows[:, None], _MIRROR[block.type.name]]
         blocks.append(CellBlock(block.type, nodes) if len(rows) else block)

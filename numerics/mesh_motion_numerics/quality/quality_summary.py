@@ -63,7 +63,6 @@ class Minimum:
 class LowestQuality:
     """The worst cells of a mesh, which decide about a motion, without the distributions; all exact."""
 
-    metric_name: str  # the metric of ``metric`` and ``worst``
     metric: Minimum
     #: inverted, cells, worst: as in :class:`QualitySummary`
     inverted: int
@@ -80,7 +79,6 @@ class LowestQuality:
 class QualitySummary:
     """Quality of a mesh in a few numbers."""
 
-    metric_name: str  # the metric of ``metric`` and ``worst``
     metric: Distribution
     size: Distribution
     skew: Distribution
@@ -95,7 +93,7 @@ class QualitySummary:
     ) -> QualitySummary:
         """Build it from the distributions of :func:`reported_metrics`, by name."""
         reported = found[metric], found["size"], found["skew"], found["size-skew"]
-        return cls(metric, *reported, inverted, cells, worst)
+        return cls(*reported, inverted, cells, worst)
 
     @property
     def reported(self) -> dict[str, Distribution]:
@@ -173,7 +171,7 @@ def judged_mesh(
     found, numbers, inverted, distorted = judge(*arrays, worst, limit)
     named = worst_cells(numbers, cells.centres(arrays[0], numbers), kernels.values_of_cells(*arrays, numbers))
     if not distributions:
-        return LowestQuality(metric, Minimum(float(found[0])), inverted, len(cells), named), distorted
+        return LowestQuality(Minimum(float(found[0])), inverted, len(cells), named), distorted
     rows = dict(zip(reported_metrics(metric), starmap(Distribution, found.tolist()), strict=True))
     return QualitySummary.of(rows, metric, inverted=inverted, cells=len(cells), worst=named), distorted
 
@@ -194,6 +192,6 @@ def summarize(
     named = worst_cells(numbers, cells.centres(points, numbers), quality.worst(numbers, metric))
     inverted = int(np.count_nonzero(quality.inverted))
     if not distributions:
-        return LowestQuality(metric, Minimum(float(values[metric][numbers[0]])), inverted, len(quality), named)
+        return LowestQuality(Minimum(float(values[metric][numbers[0]])), inverted, len(quality), named)
     found = {name: distribution(own) for name, own in values.items()}
     return QualitySummary.of(found, metric, inverted=inverted, cells=len(quality), worst=named)

@@ -8,14 +8,10 @@ a term, and no substitution is ever repeated.
 """
 
 import numpy as np
-from mesh_motion_protocol.errors import QualityRefused
 
 from mesh_motion_numerics.arrays import Floats, Integers
-from mesh_motion_numerics.interpolation.factorizations.dense import PanelCholesky
+from mesh_motion_numerics.interpolation.factorizations.dense import LOST, PanelCholesky, singular
 from mesh_motion_numerics.reduction.problem import ReductionProblem
-
-LOST = 64 * float(np.finfo(float).eps)
-"""A pivot this small relative to φ(0) has no correct digit: its point is numerically equal to a selected one."""
 
 _FIRST_CAPACITY = 64
 
@@ -52,7 +48,7 @@ class GrowingSet:
         column = self._problem.columns(self.selected, rows=np.array([node]))[0]
         row = inverse @ column
         pivot = 1.0 - float(row @ row)
-        if not pivot > LOST:
+        if not pivot > LOST:  # relative to φ(0) = 1: the node is numerically equal to a selected one
             raise singular()
         left = self._problem.displacement[node] - column @ self.weights
         new = np.append(-(row @ inverse), 1.0) / np.sqrt(pivot)
@@ -68,15 +64,6 @@ class GrowingSet:
         if size > room:
             self._inverse = np.pad(self._inverse, (0, room))
             self._weights = np.pad(self._weights, ((0, room), (0, 0)))
-
-
-def singular() -> QualityRefused:
-    """The error for a point whose pivot is only rounding."""
-    return QualityRefused(
-        "the interpolation matrix of the selected control points is singular to working precision",
-        code="FAILED_PRECONDITION",
-        hint="take a smaller support radius or a less smooth basis",
-    )
 
 
 def full_weights(problem: ReductionProblem, selected: Integers) -> Floats:

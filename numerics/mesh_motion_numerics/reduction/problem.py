@@ -97,10 +97,8 @@ class Iterate:
     """The state of an algorithm each time it has computed errors at the boundary nodes."""
 
     points: int  # nodes selected
-    #: max_error, rms_error: mesh length unit. Maximum and root mean square of the errors' lengths at the nodes
-    #: that the algorithm tested (all nodes unless it says otherwise)
+    #: mesh length unit. Largest error at the nodes that the algorithm tested (all nodes unless it says otherwise)
     max_error: float
-    rms_error: float
     #: solve_operations, error_operations: Multiply-adds so far for weights (the N_c⁴ or N_c³ of thesis Table 2.3), and
     #: evaluations of φ or stored entries used so far for errors (the N_c² N_b). These are counts and not times, so that
     #: they are repeatable
@@ -145,8 +143,7 @@ class Progress:
         """
         size = lengths(error)
         largest = float(size.max())
-        rms = float(np.sqrt(np.dot(size, size) / len(size)))
-        self.history.append(Iterate(points, largest, rms, self._solve, self._error))
+        self.history.append(Iterate(points, largest, self._solve, self._error))
         return largest <= self._problem.allowed_error or points >= self._problem.limit
 
 

@@ -33,7 +33,7 @@ class Subject:
         return client_cases() if self.client else server_cases()
 
     def stage(self) -> Stage | ClientStage:
-        """Where they are played."""
+        """The stage on which they are played."""
         if self.client:
             return ClientStage(self.client)
         waits = {"seconds": self.seconds, "opening_seconds": self.opening_seconds, "patience": self.patience}

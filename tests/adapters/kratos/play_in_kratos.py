@@ -134,6 +134,6 @@ def ending(folder: Path) -> str:
 
 if __name__ == "__main__":
     mesh_motion_kratos.register()
-    mesh_motion_kratos.register()  # a second time is none
+    mesh_motion_kratos.register()  # the second call has no effect
     for name in sys.argv[1:]:
         sys.stdout.write(f"\nended: {ending(Path(name))}\n")

@@ -41,7 +41,7 @@ def test_meshes_fit_each_other(channel, tmp_path):
     assert areas.min() > 0.0
     below = 0.5 * OUTLET_FLOOR * (1.3 - WALL[1]) + OUTLET_FLOOR * (LENGTH - 1.3)
     whole = LENGTH * HEIGHT - WALL_HEIGHT * (WALL[1] - WALL[0]) - below
-    assert areas.sum() == pytest.approx(whole, rel=0.01)  # but for the rounding, 0.4 %
+    assert areas.sum() == pytest.approx(whole, rel=0.01)  # the rounding is 0.4 %
     wall = write_solid(tmp_path / "solid.mdpa", wall_lattice(6, 1))
     wetted = {tuple(point) for point in np.round(channel.points[np.unique(channel.edges["interface"])], 9).tolist()}
     assert wetted <= {tuple(point) for point in np.round(wall, 9).tolist()}

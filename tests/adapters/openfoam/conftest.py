@@ -14,6 +14,7 @@ from mesh_motion_client.embedded import EmbeddedServer
 ADAPTER = Path(__file__).resolve().parents[3] / "adapters" / "openfoam"
 TUTORIAL = ADAPTER / "tutorial" / "pitchingPlate"
 PATIENCE = 240.0
+HEADERS = ("OpenFOAM", "OSspecific/POSIX", "finiteVolume", "meshTools")
 
 
 @pytest.fixture(scope="session")
@@ -35,6 +36,28 @@ def foam_environment():
         "OMPI_ALLOW_RUN_AS_ROOT": "1",
         "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
     }
+
+
+@pytest.fixture(scope="session")
+def compile_foam(foam_environment):
+    """A function: source, result and further options of the compiler → the result, built with OpenFOAM's headers."""
+    headers = Path(foam_environment["OPENFOAM_HEADERS"]) / "src"
+    places = [word for part in HEADERS for word in ("-isystem", headers / part / "lnInclude")]
+    options = [
+        "-std=c++11",
+        "-DOPENFOAM=1912",
+        "-DWM_DP",
+        "-DWM_LABEL_SIZE=32",
+        "-DNoRepository",
+        "-fPIC",
+        "-ftemplate-depth-100",
+    ]
+
+    def build(source, built, *further):
+        subprocess.run(["g++", *options, *places, source, "-o", built, *further], check=True)
+        return built
+
+    return build
 
 
 @pytest.fixture(scope="session")

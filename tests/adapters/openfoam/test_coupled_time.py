@@ -5,7 +5,6 @@ preCICE.
 import contextlib
 import re
 import signal
-import subprocess
 import tempfile
 import time
 from pathlib import Path
@@ -17,7 +16,6 @@ from tests.faults.server_process import ServerProcess
 
 PATIENCE = 240.0
 SOURCE = Path(__file__).with_name("scripted_coupling.C")
-HEADERS = ("OpenFOAM", "OSspecific/POSIX", "finiteVolume", "meshTools")
 SCRIPT = """functions {{ script {{ type scriptedCoupling; libs ("{library}");
     iterations ({iterations}); subSteps ({sub_steps}); windows {windows}; {further} }} }}
 """
@@ -27,13 +25,8 @@ REFUSING = "correction none; sub_steps never; quality_threshold 0.3; support_rad
 
 
 @pytest.fixture(scope="session")
-def scripted(tmp_path_factory, foam_environment):
-    library = tmp_path_factory.mktemp("scripted") / "libscripted.so"
-    headers = Path(foam_environment["OPENFOAM_HEADERS"]) / "src"
-    places = [word for part in HEADERS for word in ("-isystem", headers / part / "lnInclude")]
-    options = "-std=c++11 -DOPENFOAM=1912 -DWM_DP -DWM_LABEL_SIZE=32 -DNoRepository -fPIC -ftemplate-depth-100 -shared"
-    subprocess.run(["g++", *options.split(), *places, SOURCE, "-o", library], check=True)
-    return library
+def scripted(tmp_path_factory, compile_foam):
+    return compile_foam(SOURCE, tmp_path_factory.mktemp("scripted") / "libscripted.so", "-shared")
 
 
 @pytest.fixture

@@ -4,7 +4,6 @@ OpenFOAM divides a face around its centre, this code around the mean of its corn
 plane before and after the step, and a triangle always is.
 """
 
-import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -13,20 +12,13 @@ from foam_cases import BOX, PRISMS, FoamCase
 from mesh_motion_numerics.mesh.swept_volumes import swept_volumes
 
 SOURCE = Path(__file__).with_name("swept_faces.C")
-HEADERS = ("OpenFOAM", "OSspecific/POSIX", "finiteVolume", "meshTools")
 AFFINE = np.array([[1.1, 0.3, -0.2], [-0.25, 0.9, 0.1], [0.05, 0.2, 1.2]])
 
 
 @pytest.fixture(scope="module")
-def program(tmp_path_factory, foam_environment):
-    built = tmp_path_factory.mktemp("swept") / "swept_faces"
-    headers = Path(foam_environment["OPENFOAM_HEADERS"]) / "src"
-    places = [word for part in HEADERS for word in ("-isystem", headers / part / "lnInclude")]
-    options = "-std=c++11 -DOPENFOAM=1912 -DWM_DP -DWM_LABEL_SIZE=32 -DNoRepository -fPIC -ftemplate-depth-100"
-    libraries = "-Wl,--no-as-needed -lfiniteVolume -lmeshTools -lOpenFOAM"
-    command = ["g++", *options.split(), *places, SOURCE, "-o", built, *libraries.split()]
-    subprocess.run(command, check=True)
-    return built
+def program(tmp_path_factory, compile_foam):
+    libraries = "-Wl,--no-as-needed", "-lfiniteVolume", "-lmeshTools", "-lOpenFOAM"
+    return compile_foam(SOURCE, tmp_path_factory.mktemp("swept") / "swept_faces", *libraries)
 
 
 def moved_by_openfoam(case, program, motion):

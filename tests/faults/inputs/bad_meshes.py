@@ -96,7 +96,7 @@ _CELLS = (
     _row("a cell with a node twice", _DEGENERATE, _renumbered("triangle", [0, 1, 0], {}), "names a node twice"),
     _row("a flat cell", _DEGENERATE, _moved(6, [0.0, 0.125], {**_CELL, "determinant": lambda d: d <= 1e-12}),
          "cell", "determinant"),
-    _row("a cell that is flat but for rounding", _DEGENERATE, _moved(6, [1e-16, 0.125], _CELL), "is flat"),
+    _row("a cell that is flat apart from rounding", _DEGENERATE, _moved(6, [1e-16, 0.125], _CELL), "is flat"),
     _row("two inner nodes in one place", _DEGENERATE, _moved(12, [0.25, 0.25], _CELL), "cell", "determinant"),
     _row("all nodes in one place", _DEGENERATE, _moved(slice(None), 0.5, {"cell": 0, "count": 32}), "cell 0"),
     _row("a folded mesh", _DEGENERATE, _moved(12, [3.0, 0.5], _INVERTED), "cell", "inverted"),

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from mesh_motion_numerics.correction.enrichment.placement import gap_middle, local_minima, spread_placement, worst_cell
+from mesh_motion_numerics.correction.enrichment.placement import gap_middle, local_minima, spread_placement
 from mesh_motion_numerics.mesh.cells import CellTable
 
 
@@ -12,10 +12,6 @@ def strip() -> tuple[np.ndarray, CellTable]:
     points = np.array([[x, y] for x in range(101) for y in (0.0, 1.0)])
     first = 2 * np.arange(100)
     return points, CellTable.from_arrays({"quad": np.c_[first, first + 2, first + 3, first + 1]})
-
-
-def test_the_worst_cell_is_the_first_of_equals():
-    assert worst_cell(np.array([0.5, -np.inf, -0.1, -np.inf])) == 1
 
 
 def test_two_bad_regions_each_get_points(strip):

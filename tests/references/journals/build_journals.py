@@ -52,7 +52,7 @@ class ExactModel(StandIn):
     def summary(self, points: Any) -> QualitySummary:
         areas = [float(area) for area in self._areas(points)]
         values = Distribution(min(areas), fsum(areas) / len(areas), min(areas), min(areas), max(areas))
-        return QualitySummary("size-skew", values, values, values, values, 0, len(areas), ())
+        return QualitySummary(values, values, values, values, 0, len(areas), ())
 
     def move(self, committed: Any, targets: Any, factors: Any, *, boundary_displacement: Any = None) -> Any:
         moving, points = self.roles.moving, committed.copy()

@@ -16,7 +16,7 @@ M. M. Selim, R. P. Koomullil, the thesis' [41]; described in thesis §2.2.3.
 
 import numpy as np
 from mesh_motion_numerics.arrays import Floats, Integers
-from mesh_motion_numerics.reduction.growing_set import LOST, singular
+from mesh_motion_numerics.interpolation.factorizations.dense import LOST, singular
 from mesh_motion_numerics.reduction.problem import Reduced, ReductionProblem
 from scipy.linalg import solve_triangular
 

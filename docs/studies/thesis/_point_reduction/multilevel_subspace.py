@@ -20,7 +20,7 @@ thesis [44].
 
 import numpy as np
 from mesh_motion_numerics.arrays import Floats, Integers
-from mesh_motion_numerics.reduction.growing_set import LOST, singular
+from mesh_motion_numerics.interpolation.factorizations.dense import LOST, singular
 from mesh_motion_numerics.reduction.problem import Reduced, ReductionProblem, lengths
 from scipy.linalg import solve_triangular
 

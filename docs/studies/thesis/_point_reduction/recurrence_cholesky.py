@@ -24,8 +24,8 @@ for kernel spaces", J. Approx. Theory 161 (2009) 645–655: the columns of V.
 
 import numpy as np
 from mesh_motion_numerics.arrays import Floats
+from mesh_motion_numerics.interpolation.factorizations.dense import LOST, singular
 from mesh_motion_numerics.interpolation.kernels import values
-from mesh_motion_numerics.reduction.growing_set import LOST, singular
 from mesh_motion_numerics.reduction.problem import Progress, Reduced, ReductionProblem, lengths
 from mesh_motion_protocol.errors import InvalidInput
 from scipy.linalg import solve_triangular

@@ -62,7 +62,7 @@ struct mesh_motion_cells {
             if (cell < here) return {type, cell, rows.data() + cell * type->nodes};
             cell -= here;
         }
-        throw std::out_of_range("a cell that is none");
+        throw std::out_of_range("no such cell");
     }
 
     /// Calls f(block, first) for each block, with the number of its first cell.

@@ -57,7 +57,7 @@ inline double inverse_cube_root(double x) {
     return better(better(y));
 }
 
-/// Where the size, skew and validity of cells go, and, if they are not null, their relative shapes and the quality of
+/// Memory for the size, skew and validity of cells, and, if they are not null, their relative shapes and the quality of
 /// their worst corners.
 struct Judgement {
     double* size;

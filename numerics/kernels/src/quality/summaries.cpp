@@ -26,7 +26,7 @@ struct Judged {
         : size(count), skew(count), relative(ranked == Metric::relative_size_skew ? count : 0), values(count),
           inverted(new bool[count]) {}
 
-    /// Where the values of the cells from `first` on are written.
+    /// Memory for the values of the cells from `first` on.
     Judgement from(Index first) {
         double* const shapes = relative.empty() ? nullptr : relative.data();
         return Judgement{size.data(), skew.data(), inverted.get(), shapes}.from(first);

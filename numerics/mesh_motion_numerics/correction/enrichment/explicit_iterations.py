@@ -24,7 +24,7 @@ import numpy as np
 from mesh_motion_numerics.arrays import Floats
 from mesh_motion_numerics.correction.enrichment.eigen_correction import eigen_correction
 from mesh_motion_numerics.correction.enrichment.functions import slope_at_point
-from mesh_motion_numerics.correction.enrichment.placement import Placement, worst_cell
+from mesh_motion_numerics.correction.enrichment.placement import Placement
 from mesh_motion_numerics.correction.enrichment.space import EnrichmentSpace
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.quality.metrics import cell_quality
@@ -35,32 +35,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class ExplicitSettings:
-    """Choices of the explicit iterations.
+    """Choices of the explicit iterations."""
 
-    Attributes
-    ----------
-    enrichment_radius : float
-        R_l, mesh length unit.
-    threshold : float
-        Stop when the predicted minimum reaches it.
-    max_points : int
-        Largest number of iterations, each of which adds a point; the thesis uses 20.
-    metric : str
-        Chooses the worst cell and is compared with the threshold; the thesis' 2D results are about ``size``.
-    relaxation : float
-        Over-relaxation of the coefficients; 1.3 to 2 work, the thesis does not give its value.
-    function : {"H1", "H2", "H3"}
-        Enrichment function.
-    correct_cell : callable
-        Displacement gradient J (d, d) of a cell → its change dJ (d, d).
-    """
-
-    enrichment_radius: float
-    threshold: float = 0.2
-    max_points: int = 20
+    enrichment_radius: float  # R_l, mesh length unit
+    threshold: float = 0.2  # Stop when the predicted minimum reaches it
+    max_points: int = 20  # Largest number of iterations, each of which adds a point; the thesis uses 20
+    #: Chooses the worst cell and is compared with the threshold; the thesis' 2D results are about ``size``.
     metric: str = "size-skew"
-    relaxation: float = 2.0
-    function: str = "H1"
+    relaxation: float = 2.0  # Over-relaxation of the coefficients; 1.3 to 2 work, the thesis does not give its value
+    function: str = "H1"  # {"H1", "H2", "H3"}. Enrichment function
+    #: Displacement gradient J (d, d) of a cell → its change dJ (d, d).
     correct_cell: Callable[[Floats], Floats] = eigen_correction
 
 
@@ -75,29 +59,15 @@ class Iterate:
 
 @dataclass(frozen=True, eq=False)
 class ExplicitResult:
-    """The best predicted iterate.
+    """The best predicted iterate."""
 
-    Attributes
-    ----------
-    points : (n, d) array
-        Positions, mesh length unit; held nodes exactly in the positions of the standard motion.
-    enrichment_points : (K, d) array, mesh length unit
-    coefficients : (K, d, d) array
-        ``[:, m, i]``: α, β of (5.15), the factor of H_m in component i of the displacement.
-    best : int
-        Number of this iterate; 0 is the standard motion.
-    reached : bool
-        Whether its prediction is at or above the threshold.
-    history : tuple of Iterate
-        All iterates, beginning with the standard motion.
-    """
-
-    points: Floats
-    enrichment_points: Floats
+    points: Floats  # (n, d). Positions, mesh length unit; held nodes exactly in the positions of the standard motion
+    enrichment_points: Floats  # (K, d), mesh length unit
+    #: (K, d, d). ``[:, m, i]``: α, β of (5.15), the factor of H_m in component i of the displacement.
     coefficients: Floats
-    best: int
-    reached: bool
-    history: tuple[Iterate, ...]
+    best: int  # Number of this iterate; 0 is the standard motion
+    reached: bool  # Whether its prediction is at or above the threshold
+    history: tuple[Iterate, ...]  # All iterates, beginning with the standard motion
 
 
 @dataclass(eq=False)
@@ -112,7 +82,7 @@ class Trial:
     def judged(self) -> Iterate:
         """The smallest predicted and actual quality, and the cell that is predicted worst."""
         quality = self.actual()
-        worst = worst_cell(quality)
+        worst = int(np.argmin(quality))  # of equal cells the first
         return Iterate(float(quality[worst]), float(quality[worst]), worst)
 
     def actual(self) -> Floats:

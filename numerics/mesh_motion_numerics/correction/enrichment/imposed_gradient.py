@@ -18,48 +18,27 @@ from mesh_motion_protocol.errors import InvalidInput, QualityRefused
 from mesh_motion_numerics.arrays import Floats
 from mesh_motion_numerics.blas import one_blas_thread
 from mesh_motion_numerics.correction.enrichment import functions
-from mesh_motion_numerics.interpolation.kernels import (
-    DEFAULT_BASIS,
-    Basis,
-    basis_named,
-    checked_radius,
-    slopes,
-    values,
-)
+from mesh_motion_numerics.interpolation.kernels import DEFAULT_BASIS, Basis, basis_named, checked_radius, slopes, values
 
 
 @dataclass(frozen=True)
 class ImposedGradient:
-    """Settings of the imposed-gradient correction.
+    """Settings of the imposed-gradient correction."""
 
-    Attributes
-    ----------
-    support_radius : float, mesh length unit
-        R of the basis.
-    enrichment_radius : float, mesh length unit
-        R_l.
-    function : {"H1", "H2", "H3"}
-    """
-
-    support_radius: float
-    enrichment_radius: float
+    support_radius: float  # mesh length unit. R of the basis
+    enrichment_radius: float  # mesh length unit. R_l
     basis: str = DEFAULT_BASIS
-    function: str = "H1"
+    function: str = "H1"  # {"H1", "H2", "H3"}
 
 
 @dataclass(frozen=True, eq=False)
 class EnrichedInterpolant:
-    """The solution of thesis (4.9).
+    """The solution of thesis (4.9)."""
 
-    Attributes
-    ----------
-    boundary, enrichment_points : (nb,), (nc,) arrays, mesh length unit
-    weights, coefficients : (nb,), (nc,) arrays
-        γ and β.
-    """
-
+    #: boundary, enrichment_points: (nb,), (nc,), mesh length unit
     boundary: Floats
     enrichment_points: Floats
+    #: weights, coefficients: (nb,), (nc,). γ and β
     weights: Floats
     coefficients: Floats
     settings: ImposedGradient
@@ -81,16 +60,13 @@ class EnrichedInterpolant:
 def bracketing_slopes(boundary: Floats, displacement: Floats, enrichment_points: Floats) -> Floats:
     """J of each enrichment point, thesis (4.1): ``(D_a − D_b) / (x_a − x_b)`` over the boundary nodes that bracket it.
 
+    Raises InvalidInput if an enrichment point does not lie between two boundary nodes.
+
     Parameters
     ----------
     boundary, displacement : (nb,) arrays, mesh length unit
         All boundary nodes with a prescribed displacement, fixed nodes included; any order.
     enrichment_points : (nc,) array, mesh length unit
-
-    Raises
-    ------
-    InvalidInput
-        If an enrichment point does not lie between two boundary nodes.
     """
     order = np.argsort(boundary, kind="stable")
     x, d = boundary[order], displacement[order]
@@ -116,6 +92,9 @@ def solve_imposed_gradient(
 ) -> EnrichedInterpolant:
     """Solve thesis (4.9).
 
+    Raises InvalidInput on an unusable basis, function or radius, or a point that does not lie between two boundary
+    nodes. Raises QualityRefused if the system is singular: two enrichment points coincide, or one has no influence.
+
     Parameters
     ----------
     boundary, displacement : (nb,) arrays, mesh length unit
@@ -124,13 +103,6 @@ def solve_imposed_gradient(
         Distinct.
     slopes_at_points : (nc,) array, optional
         J; by default :func:`bracketing_slopes`.
-
-    Raises
-    ------
-    InvalidInput
-        On an unusable basis, function or radius, or a point that does not lie between two boundary nodes.
-    QualityRefused
-        If the system is singular: two enrichment points coincide, or one has no influence.
     """
     if slopes_at_points is None:
         slopes_at_points = bracketing_slopes(boundary, displacement, enrichment_points)
@@ -155,6 +127,8 @@ def enriched_displacement(
 ) -> Floats:
     """The corrected displacement of every node.
 
+    Raises InvalidInput or QualityRefused as :func:`solve_imposed_gradient`.
+
     Parameters
     ----------
     nodes : (n, 1) array, mesh length unit
@@ -164,11 +138,6 @@ def enriched_displacement(
     Returns
     -------
     (n, 1) array
-
-    Raises
-    ------
-    InvalidInput, QualityRefused
-        As :func:`solve_imposed_gradient`.
     """
     interpolant = solve_imposed_gradient(boundary[:, 0], displacement[:, 0], enrichment_points[:, 0], settings)
     return interpolant.displacement(nodes[:, 0])[:, None]

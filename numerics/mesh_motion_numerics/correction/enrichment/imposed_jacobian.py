@@ -45,44 +45,24 @@ SPACING = 0.1
 
 @dataclass(frozen=True, kw_only=True)
 class ImposedSettings:
-    """Choices of :func:`imposed_jacobians`.
+    """Choices of :func:`imposed_jacobians`."""
 
-    Attributes
-    ----------
-    enrichment_radius : float, mesh length unit
-        R_l.
-    threshold : float
-        Stop when the predicted minimum reaches it.
-    max_rounds : int
-        Largest number of times that the Jacobians are imposed.
-    function : {"H1", "H2", "H3"}
-    correct_cell : callable
-        Displacement gradient J (d, d) of a cell → its change (d, d).
-    """
-
-    enrichment_radius: float
-    threshold: float = 0.2
+    enrichment_radius: float  # mesh length unit. R_l
+    threshold: float = 0.2  # Stop when the predicted minimum reaches it
     max_points: int = 20
-    max_rounds: int = 20
-    function: str = "H1"
+    max_rounds: int = 20  # Largest number of times that the Jacobians are imposed
+    function: str = "H1"  # {"H1", "H2", "H3"}
+    #: Displacement gradient J (d, d) of a cell → its change (d, d).
     correct_cell: Callable[[Floats], Floats] = eigen_correction
 
 
 @dataclass(frozen=True, eq=False)
 class ImposedJacobians:
-    """The best round of :func:`imposed_jacobians`.
+    """The best round of :func:`imposed_jacobians`."""
 
-    Attributes
-    ----------
-    points : (n, d) array, mesh length unit
-    enrichment_points : (K, d) array, mesh length unit
-    minima : tuple of float
-        Smallest quality after each round; the first is that of the standard motion.
-    """
-
-    points: Floats
-    enrichment_points: Floats
-    minima: tuple[float, ...]
+    points: Floats  # (n, d), mesh length unit
+    enrichment_points: Floats  # (K, d), mesh length unit
+    minima: tuple[float, ...]  # Smallest quality after each round; the first is that of the standard motion
 
 
 def impose(function_gradients: Floats, change: Floats, *, penalty: float = 0.0) -> Floats:
@@ -109,10 +89,8 @@ def impose(function_gradients: Floats, change: Floats, *, penalty: float = 0.0) 
 def cell_gradients(points: Floats, values: Floats, cells: CellTable, numbers: Integers) -> Floats:
     """(K, k, d) gradients of nodal values (n, k) in some cells (K,): exact for simplices, a fit for others."""
     out = np.empty((len(numbers), values.shape[1], points.shape[1]))
-    for block, span in cells.numbered:
-        here = (numbers >= span.start) & (numbers < span.stop)
-        nodes = block.nodes[numbers[here] - span.start]
-        x, v = points[nodes], values[nodes]
+    for block, here, rows in cells.located(numbers):
+        x, v = points[block.nodes[rows]], values[block.nodes[rows]]
         inverse = np.linalg.pinv(x - x.mean(axis=1, keepdims=True))
         out[here] = np.swapaxes(inverse @ (v - v.mean(axis=1, keepdims=True)), 1, 2)
     return out

@@ -25,25 +25,11 @@ RADIUS_CYCLE = (1.0, 0.5, 2.0)
 
 
 class Placement(NamedTuple):
-    """K places for enrichment points.
+    """K places for enrichment points."""
 
-    Attributes
-    ----------
-    cells : (K,) int array
-        Numbers of the chosen cells, in the order of choice.
-    points : (K, d) array, mesh length unit
-        Their centres.
-    radii : (K,) array, mesh length unit
-    """
-
-    cells: Integers
-    points: Floats
-    radii: Floats
-
-
-def worst_cell(quality: Floats) -> int:
-    """Number of the cell with the smallest quality (m,); of equal cells the first."""
-    return int(np.argmin(quality))
+    cells: Integers  # (K,). Numbers of the chosen cells, in the order of choice
+    points: Floats  # (K, d), mesh length unit. Their centres
+    radii: Floats  # (K,), mesh length unit
 
 
 def spread_placement(points: Floats, cells: CellTable, quality: Floats, *, count: int, radius: float) -> Placement:
@@ -89,7 +75,7 @@ def local_minima(cells: CellTable, quality: Floats, threshold: float) -> Integer
 
 def gap_middle(points: Floats, cells: CellTable, quality: Floats, held: Marks) -> Floats:
     """(1, 1) middle between the two boundary nodes that bracket the worst cell, in 1D: thesis §4.3.1."""
-    place = cells.centres(points, np.array([worst_cell(quality)]))[0, 0]
+    place = cells.centres(points, np.array([np.argmin(quality)]))[0, 0]
     x = np.sort(points[held, 0])
     gap = int(np.clip(np.searchsorted(x, place), 1, len(x) - 1))
     return np.array([[0.5 * (x[gap - 1] + x[gap])]])

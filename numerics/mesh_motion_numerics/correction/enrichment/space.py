@@ -24,21 +24,11 @@ FUNCTIONS = ("H1", "H2")
 
 @dataclass(frozen=True, eq=False)
 class EnrichmentSpace:
-    """The functions ψ of some enrichment points, evaluated anywhere.
+    """The functions ψ of some enrichment points, evaluated anywhere."""
 
-    Attributes
-    ----------
-    placement : Placement
-        The K points and their radii.
-    factorization : Factorization
-        The factorization of the boundary.
-    kinds : tuple of str
-        Enrichment functions at every point.
-    """
-
-    placement: Placement
-    factorization: Factorization
-    kinds: tuple[str, ...] = FUNCTIONS
+    placement: Placement  # The K points and their radii
+    factorization: Factorization  # The factorization of the boundary
+    kinds: tuple[str, ...] = FUNCTIONS  # Enrichment functions at every point
 
     @property
     def size(self) -> int:

@@ -20,11 +20,6 @@ class LinearSolver(Protocol):
         """``"dense"``, ``"sparse"`` or ``"iterative"``."""
         ...
 
-    @property
-    def nbytes(self) -> int:
-        """Bytes of the solver's data."""
-        ...
-
     def solve(self, values: Floats) -> Floats:
         """(nc, k) weights of (nc, k) values at the control points, in the caller's order."""
         ...

@@ -48,11 +48,6 @@ class NullSpaceCholesky:
         """d + 1."""
         return int(self._r.shape[0])
 
-    @property
-    def nbytes(self) -> int:
-        """Memory of the factor and the reflectors."""
-        return self._cholesky.nbytes + self._reflectors.nbytes + self._points.nbytes
-
     def _multiply(self, vectors: Floats) -> Floats:
         """(nc, k) product of the interpolation matrix."""
         # a basis without compact support: the layout has the order of the points

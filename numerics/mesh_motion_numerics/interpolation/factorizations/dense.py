@@ -18,8 +18,8 @@ from mesh_motion_numerics.blas import for_each_tile, one_blas_thread
 _PANEL = 512
 #: Rows per tile: one task of one thread.
 _TILE = 512
-#: A pivot this small relative to the diagonal has no correct digits.
-_LOST = 64 * float(np.finfo(float).eps)
+LOST = 64 * float(np.finfo(float).eps)
+"""A pivot this small relative to the diagonal has no correct digits."""
 
 
 class PanelCholesky:
@@ -45,11 +45,6 @@ class PanelCholesky:
             for first, last in self._bounds:
                 self._panels.append(self._eliminate(panel(first, last), first, last))
 
-    @property
-    def nbytes(self) -> int:
-        """Memory of the factor."""
-        return sum(panel.nbytes for panel in self._panels)
-
     def _eliminate(self, block: Floats, first: int, last: int) -> Floats:
         """Turn columns of A into columns of L."""
         width = last - first
@@ -61,7 +56,7 @@ class PanelCholesky:
                 block[top:bottom] -= left[top:bottom] @ left[:width].T
 
         for_each_tile(subtract, len(block), _TILE)
-        diagonal = block[:width] = _factor_block(block[:width], _LOST * largest)
+        diagonal = block[:width] = _factor_block(block[:width], LOST * largest)
 
         def divide(top: int, bottom: int) -> None:
             rows = slice(width + top, width + bottom)
@@ -92,7 +87,7 @@ def _factor_block(block: Floats, smallest: float) -> Floats:
     """
     factor, failed = lapack.dpotrf(block.T, lower=0, clean=0, overwrite_a=1)  # its transpose, as LAPACK stores it
     if failed or float(np.min(np.diag(factor))) ** 2 <= smallest:
-        raise _singular()
+        raise singular()
     return np.asarray(factor.T)
 
 
@@ -102,7 +97,8 @@ def _divided(values: Floats, lower: Floats, *, transposed: bool = False) -> Floa
     return np.asarray(found)
 
 
-def _singular() -> QualityRefused:
+def singular() -> QualityRefused:
+    """The error for a matrix with a pivot that is only rounding."""
     return QualityRefused(
         "the interpolation matrix is singular to working precision",
         code="FAILED_PRECONDITION",

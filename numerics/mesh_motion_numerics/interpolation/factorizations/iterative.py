@@ -2,19 +2,22 @@
 
 The matrix is applied by the same compiled sums that evaluate the interpolant (stored rows are faster only where a
 sparse factorization is faster still); the preconditioner is a factorized sparse approximate inverse
-(``preconditioner.py``). All right-hand sides advance together, so each iteration applies the matrix once.
+(``preconditioner.py``). All right-hand sides advance together, so each iteration applies the matrix once; each has its
+own steps. Sums over rows are formed in fixed blocks: bitwise the same for any number of threads.
 
 Because of rounding the recurrences' residual drifts from the true one. So the true residual is computed at the end, and
 the system is solved for it again as long as that helps.
 """
 
+from collections.abc import Callable
+
+import mesh_motion_kernels as kernels
 import numpy as np
 from mesh_motion_protocol.errors import QualityRefused
 
 from mesh_motion_numerics.arrays import Floats
 from mesh_motion_numerics.interpolation.centres import CentreLayout
-from mesh_motion_numerics.interpolation.factorizations.conjugate_gradients import conjugate_gradients
-from mesh_motion_numerics.interpolation.factorizations.preconditioner import SparseInverse
+from mesh_motion_numerics.interpolation.factorizations.preconditioner import Iterated, SparseInverse
 from mesh_motion_numerics.interpolation.kernels import Basis
 
 #: Relative residual of the recurrences at which the iterations end: boundary values are then exact to 1e-12 in the
@@ -51,11 +54,6 @@ class ConjugateGradients:
         neighbours = _NEIGHBOURS_LONG if long else _NEIGHBOURS_SHORT
         self._precondition = SparseInverse(self._points, basis, support_radius, neighbours)
         self.iterations = 0
-
-    @property
-    def nbytes(self) -> int:
-        """Memory of the preconditioner and the coordinates."""
-        return self._precondition.nbytes + self._points.nbytes
 
     def solve(self, values: Floats) -> Floats:
         """(n, k) solution, rows in the caller's order.
@@ -109,3 +107,43 @@ class ConjugateGradients:
 
 def _largest(residual: Floats, scale: Floats) -> float:
     return float(np.max(np.sqrt(np.sum(residual * residual, axis=0)) / scale))
+
+
+def conjugate_gradients(
+    right: Floats,
+    *,
+    apply: Callable[[Floats], Floats],
+    precondition: Callable[[Floats], Floats],
+    done: Callable[[Floats], bool],
+    most: int,
+) -> Iterated:
+    """Solve for right-hand sides (n, k).
+
+    Parameters
+    ----------
+    right : (n, k) array
+    apply, precondition : callable
+        Products (n, k) of the matrix and of its approximate inverse with (n, k) vectors.
+    done : callable
+        Whether to stop at a residual (n, k); called after every iteration.
+    most : int
+        Largest number of iterations.
+    """
+    x, r = np.zeros_like(right), right.copy()
+    z = precondition(r)
+    p, rz = z.copy(), kernels.column_products(r, z)
+    for iteration in range(1, most + 1):
+        ap = apply(p)
+        kernels.advance_columns(x, r, p, ap, _ratio(rz, kernels.column_products(p, ap)))
+        if done(r):
+            return Iterated(x, r, iteration)
+        z = precondition(r)
+        rz, before = kernels.column_products(r, z), rz
+        kernels.redirect_columns(p, z, _ratio(rz, before))
+    return Iterated(x, r, most)
+
+
+def _ratio(a: Floats, b: Floats) -> Floats:
+    """``a / b`` column by column; 0 in a column that is solved."""
+    safe = np.where(b > 0.0, b, 1.0)
+    return np.where(b > 0.0, a / safe, 0.0)

@@ -11,15 +11,24 @@ Appl. 14 (1993) 45–58. F. Schäfer, M. Katzfuss, H. Owhadi, "Sparse Cholesky f
 minimization", SIAM J. Sci. Comput. 43 (2021) A2019–A2046: the coarse-to-fine order for kernel matrices.
 """
 
+from typing import NamedTuple
+
 import mesh_motion_kernels as kernels
 import numpy as np
 from scipy.sparse import csr_array
 
 from mesh_motion_numerics.arrays import Floats
-from mesh_motion_numerics.interpolation.factorizations.conjugate_gradients import Iterated
 from mesh_motion_numerics.interpolation.factorizations.thinning import nearest_preceding, nested_levels
 from mesh_motion_numerics.interpolation.kernels import Basis
 from mesh_motion_numerics.interpolation.sparse_rows import SparseRows
+
+
+class Iterated(NamedTuple):
+    """The result of the iterations: solution and recurrences' residual (n, k), and the number of iterations."""
+
+    solution: Floats
+    residual: Floats
+    iterations: int
 
 
 class SparseInverse:
@@ -53,17 +62,12 @@ class SparseInverse:
             SparseRows(each.indptr, each.indices, each.data) for each in (factor, factor.T.tocsr())
         )
 
-    @property
-    def nbytes(self) -> int:
-        """Memory of G and Gᵀ."""
-        return self._factor.nbytes + self._transposed.nbytes
-
     def __call__(self, residual: Floats) -> Floats:
         """(n, k) preconditioned residual."""
         return self._transposed.product(self._factor.product(residual))
 
     def conjugate_gradients(self, matrix: SparseRows, right: Floats, *, limit: float, most: int) -> Iterated:
-        """Solve with the (n, n) matrix for right-hand sides (n, k), by the function of the same name.
+        """Solve with the (n, n) matrix for right-hand sides (n, k), as :func:`.iterative.conjugate_gradients` does.
 
         Parameters
         ----------

@@ -25,24 +25,13 @@ _MAX_LEVELS = 24
 
 @dataclass(frozen=True, eq=False)
 class Box:
-    """Cells of one spacing.
-
-    Attributes
-    ----------
-    spacing : float, mesh length unit
-    first : (3,) int64 array
-        Grid index of its lower corner, counted on its level from the domain's lower corner.
-    cells : (3,) int64 array
-        Along each axis; 0 along one that the domain does not have.
-    parent : int
-        Number of the box of the level before that contains it; −1 for the domain.
-    """
+    """Cells of one spacing."""
 
     level: int
-    spacing: float
-    first: Integers
-    cells: Integers
-    parent: int
+    spacing: float  # mesh length unit
+    first: Integers  # (3,). Grid index of its lower corner, counted on its level from the domain's lower corner
+    cells: Integers  # (3,). Along each axis; 0 along one that the domain does not have
+    parent: int  # Number of the box of the level before that contains it; −1 for the domain
 
     @property
     def grid_points(self) -> int:

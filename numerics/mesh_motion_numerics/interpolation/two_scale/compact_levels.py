@@ -73,22 +73,12 @@ _FEW = 12
 
 @dataclass(frozen=True, eq=False)
 class CompactLevel:
-    """The data of a level that are kept over all states of the mesh.
+    """The data of a level that are kept over all states of the mesh."""
 
-    Attributes
-    ----------
-    members : (m,) int64 array
-        Its control points.
-    radius : float, mesh length unit
-    reference : (m, 3) array, mesh length unit
-        The members' reference positions.
-    direct : bool
-        Whether a factor solves it, so that it is linear to rounding. Its nodes are few, and are factorized once.
-    """
-
-    members: Integers
-    radius: float
-    reference: Floats
+    members: Integers  # (m,). Its control points
+    radius: float  # mesh length unit
+    reference: Floats  # (m, 3), mesh length unit. The members' reference positions
+    #: Whether a factor solves it, so that it is linear to rounding. Its nodes are few, and are factorized once.
     direct: bool = False
 
     @cached_property
@@ -199,20 +189,12 @@ def _levels(
 
 @dataclass(frozen=True, eq=False)
 class CompactSystem:
-    """A level's matrix at one state of the mesh.
-
-    Attributes
-    ----------
-    points : (m, d) array, mesh length unit
-        The members' positions.
-    matrix : SparseRows
-        Rows and columns in the members' order, which is the preconditioner's.
-    """
+    """A level's matrix at one state of the mesh."""
 
     level: CompactLevel
-    points: Floats
+    points: Floats  # (m, d), mesh length unit. The members' positions
     layout: CentreLayout
-    matrix: SparseRows
+    matrix: SparseRows  # Rows and columns in the members' order, which is the preconditioner's
 
     @classmethod
     def build(cls, level: CompactLevel, points: Floats) -> CompactSystem:
@@ -221,23 +203,14 @@ class CompactSystem:
         layout = CentreLayout.build(members, BASIS, level.radius)
         return cls(level, members, layout, sparse_rows(layout, BASIS, level.radius, padded(members)))
 
-    @property
-    def nbytes(self) -> int:
-        made: SparseCholesky | None = self.__dict__.get("_factor")
-        own = self.matrix.nbytes + self.points.nbytes + self.layout.coordinates.nbytes
-        return own if made is None else own + made.nbytes
-
     def exactly(self, right: Floats) -> Floats:
         """The weights (m, k) that give the values ``right`` (m, k) at the members to rounding, as a transpose requires.
 
-        Raises
-        ------
-        QualityRefused
-            The same as for :meth:`solve`.
+        Raises QualityRefused, as :meth:`solve` does.
         """
         if self._factor is not None:
             return self._factor.solve(right)
-        return self.weights(right, largest(right), _EXACT)
+        return self.weights(right, float(np.abs(right).max(initial=0.0)), _EXACT)
 
     @cached_property
     def _factor(self) -> SparseCholesky | None:
@@ -251,6 +224,8 @@ class CompactSystem:
     def solve(self, residual: Floats, scale: float, *, last: bool = True) -> Interpolant:
         """Return the interpolant at the members of a residual (n, k) of all control points.
 
+        Raises QualityRefused if the residual stays above 1e-9 of the scale, or for a level before the last above 1e-6.
+
         Parameters
         ----------
         residual : (n, k) array
@@ -258,11 +233,6 @@ class CompactSystem:
             Largest value that all levels together interpolate; the solution's error is relative to it.
         last : bool
             Whether this is the last level, so that no other one interpolates the residual.
-
-        Raises
-        ------
-        QualityRefused
-            If the residual stays above 1e-9 of the scale, or for a level before the last above 1e-6.
         """
         own = residual.take(self.level.members, axis=0)
         if self.level.direct:
@@ -278,16 +248,13 @@ class CompactSystem:
 
         All columns advance together until the residual is below the ``tolerance``, in units of the ``scale``.
 
-        Raises
-        ------
-        QualityRefused
-            The same as for :meth:`solve`.
+        Raises QualityRefused, as :meth:`solve` does.
         """
         if scale == 0.0:
             return np.zeros_like(right)
         for precondition in self._preconditioners():
             found = precondition.conjugate_gradients(self.matrix, right, limit=tolerance * scale, most=_MAX_ITERATIONS)
-            reached = largest(found.residual) / scale
+            reached = float(np.abs(found.residual).max(initial=0.0)) / scale
             if reached <= max(_ACCEPTED, tolerance):
                 return found.solution
         raise QualityRefused(
@@ -300,8 +267,3 @@ class CompactSystem:
         """Yield the reference mesh's preconditioner, and if it fails one for the current boundary."""
         yield self.level.precondition
         yield SparseInverse(padded(self.points), BASIS, self.level.radius, _NEIGHBOURS)
-
-
-def largest(vectors: Floats) -> float:
-    """Largest magnitude in (n, k) vectors, 0 if they are empty."""
-    return max(float(vectors.max(initial=0.0)), -float(vectors.min(initial=0.0)))

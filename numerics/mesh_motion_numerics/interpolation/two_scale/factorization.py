@@ -30,11 +30,7 @@ from scipy.spatial import cKDTree
 
 from mesh_motion_numerics.arrays import Floats, Integers, Marks
 from mesh_motion_numerics.interpolation import evaluation
-from mesh_motion_numerics.interpolation.interpolant import (
-    AllCentreFactorization,
-    Interpolant,
-    factorize,
-)
+from mesh_motion_numerics.interpolation.interpolant import AllCentreFactorization, Interpolant, factorize
 from mesh_motion_numerics.interpolation.kernels import basis_named
 from mesh_motion_numerics.interpolation.two_scale.boxes import nested_boxes
 from mesh_motion_numerics.interpolation.two_scale.coarse_points import coarse_points, separated_points
@@ -42,7 +38,6 @@ from mesh_motion_numerics.interpolation.two_scale.compact_levels import (
     CompactLevel,
     CompactSystem,
     compact_levels,
-    largest,
     levels_below,
     levels_of_all,
 )
@@ -78,55 +73,26 @@ _OF_MANY, SEPARATION = 2e-4, 1e-3
 
 @dataclass(frozen=True, eq=False)
 class TwoScalePlan:
-    """The choices made from the reference mesh for all its states.
+    """The choices made from the reference mesh for all its states."""
 
-    Attributes
-    ----------
-    coarse : (m,) int64 array
-        Control points of the coarse interpolation.
-    gap : float, mesh length unit
-        Largest distance of a joined control point from the nearest coarse one.
-    levels : list of CompactLevel
-        The levels, widest first; numbers are rows of :attr:`distinct`.
-    basis, support_radius
-        Those of the coarse interpolation, as in :func:`~mesh_motion_numerics.interpolation.interpolant.factorize`.
-    gridded : bool
-        Whether a spline on a grid replaces the coarse sums.
-    smoothing : Smoothing or None
-        Of the coarse interpolation.
-    place : (n,) int64 array
-        For each control point the first one at its place.
-    """
-
-    coarse: Integers
-    gap: float
-    levels: list[CompactLevel]
+    coarse: Integers  # (m,). Control points of the coarse interpolation
+    gap: float  # mesh length unit. Largest distance of a joined control point from the nearest coarse one
+    levels: list[CompactLevel]  # The levels, widest first; numbers are rows of :attr:`distinct`
+    #: basis, support_radius: Those of the coarse interpolation, as in
+    #: :func:`~mesh_motion_numerics.interpolation.interpolant.factorize`.
     basis: str
     support_radius: float | None
-    gridded: bool
-    place: Integers
-    smoothing: Smoothing | None = None
-
-    @property
-    def least_radius(self) -> float:
-        """Smallest radius at which a compact basis connects the coarse points to one field, mesh length unit."""
-        return _GAPS * self.gap
-
-    @property
-    def joined(self) -> bool:
-        """Whether the support radius connects the coarse points."""
-        radius = self.support_radius
-        return radius is None or radius >= self.least_radius or not basis_named(self.basis).compact
-
-    @property
-    def single(self) -> bool:
-        """Whether the coarse interpolation has all control points."""
-        return not self.gridded and len(self.coarse) == len(self.place)
+    gridded: bool  # Whether a spline on a grid replaces the coarse sums
+    place: Integers  # (n,). For each control point the first one at its place
+    smoothing: Smoothing | None = None  # Of the coarse interpolation
 
     @property
     def usable(self) -> bool:
-        """Whether the plan is better than one scale with all control points."""
-        return self.joined if self.gridded else bool(self.levels) or not self.single
+        """Whether it is better than one scale: R connects a grid's coarse points, or not all points are coarse."""
+        if not self.gridded:
+            return bool(self.levels) or len(self.coarse) < len(self.place)
+        radius = self.support_radius
+        return radius is None or radius >= _GAPS * self.gap or not basis_named(self.basis).compact
 
     @cached_property
     def distinct(self) -> Integers:
@@ -188,10 +154,7 @@ class TwoScalePlan:
     def factorize(self, points: Floats, low: Floats, high: Floats) -> TwoScaleFactorization:
         """Prepare the interpolation from control points (n, d) to places between ``low`` and ``high`` (d,).
 
-        Raises
-        ------
-        QualityRefused
-            If the coarse matrix is singular to working precision.
+        Raises QualityRefused if the coarse matrix is singular to working precision.
         """
         chosen = np.ascontiguousarray(points[self.coarse])
         spacing = local_spacing(chosen)
@@ -260,35 +223,21 @@ def plan_for(
 
 @dataclass(frozen=True, eq=False)
 class TwoScaleFactorization:
-    """A :class:`~mesh_motion_numerics.interpolation.interpolant.Factorization` in two scales.
+    """A :class:`~mesh_motion_numerics.interpolation.interpolant.Factorization` in two scales."""
 
-    Attributes
-    ----------
-    control_points : (n, d) array, mesh length unit
-    grid : NestedGrid or None
-        None if the coarse sums are evaluated directly.
-    systems : list of CompactSystem
-        Widest first; the last has all distinct control points.
-    """
-
-    control_points: Floats
+    control_points: Floats  # (n, d), mesh length unit
     plan: TwoScalePlan
     coarse: AllCentreFactorization
-    grid: NestedGrid | None
-    systems: list[CompactSystem]
-
-    @property
-    def nbytes(self) -> int:
-        """Bytes of the factorization."""
-        return self.coarse.nbytes + self.control_points.nbytes + sum(system.nbytes for system in self.systems)
+    grid: NestedGrid | None  # None if the coarse sums are evaluated directly
+    systems: list[CompactSystem]  # Widest first; the last has all distinct control points
 
     def solve(self, values: Floats) -> TwoScaleInterpolant:
-        """Return the interpolant of (n, k) values at the control points; the mean of values at the same place."""
+        """Return the interpolant of (n, k) values at the control points; at the same place their mean counts."""
         values = self.averaged(np.ascontiguousarray(values, dtype=np.float64))
         distinct, points = self.plan.distinct, self.control_points
         field = self.coarse.solve(values[self.plan.coarse])
         coarse = field if self.grid is None else self.grid.spline(on_grid(field, self.grid))
-        scale = largest(values)
+        scale = float(np.abs(values).max(initial=0.0))
         if len(distinct) < len(points):
             points, values = points[distinct], values[distinct]
         left = evaluation.displacement(coarse, points)

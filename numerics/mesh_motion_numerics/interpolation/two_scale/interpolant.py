@@ -8,18 +8,11 @@ from mesh_motion_numerics.interpolation.two_scale.nested_grid import NestedSplin
 
 @dataclass(frozen=True, eq=False)
 class TwoScaleInterpolant:
-    """``S(x) = coarse(x) + Σ_l Σ_j a_lj φ(|x − x_j| / R_l)``, for k components.
+    """``S(x) = coarse(x) + Σ_l Σ_j a_lj φ(|x − x_j| / R_l)``, for k components."""
 
-    Attributes
-    ----------
-    coarse : NestedSpline or Interpolant
-        With many control points a spline through the coarse interpolation, with few the coarse interpolation itself.
-    levels : tuple of Interpolant
-        Compact, widest first.
-    """
-
+    #: With many control points a spline through the coarse interpolation, with few the coarse interpolation itself.
     coarse: NestedSpline | Interpolant
-    levels: tuple[Interpolant, ...]
+    levels: tuple[Interpolant, ...]  # Compact, widest first
 
 
 AnyInterpolant = Interpolant | TwoScaleInterpolant

@@ -28,25 +28,13 @@ _RIM, _BLEND = 3, 3
 
 @dataclass(frozen=True, eq=False)
 class NestedSpline:
-    """A spline on nested boxes.
+    """A spline on nested boxes."""
 
-    Attributes
-    ----------
-    origin : (b, 3) array, mesh length unit
-        Lower corner of each box, finest first.
-    inverse_spacing : (b,) array
-    cells : (b, 3) int64 array
-    start : (b,) int64 array
-        First row of each box's coefficients.
-    coefficients : (c, k) array
-        Box by box, x slowest.
-    """
-
-    origin: Floats
-    inverse_spacing: Floats
-    cells: Integers
-    start: Integers
-    coefficients: Floats
+    origin: Floats  # (b, 3), mesh length unit. Lower corner of each box, finest first
+    inverse_spacing: Floats  # (b,)
+    cells: Integers  # (b, 3)
+    start: Integers  # (b,). First row of each box's coefficients
+    coefficients: Floats  # (c, k). Box by box, x slowest
     dimension: int
 
     def values(self, points: Floats) -> Floats:
@@ -74,18 +62,10 @@ class NestedSpline:
 
 @dataclass(frozen=True, eq=False)
 class NestedGrid:
-    """The points of nested boxes.
+    """The points of nested boxes."""
 
-    Attributes
-    ----------
-    boxes : list of Box
-        Coarsest first.
-    low : (3,) array, mesh length unit
-        Lower corner of the domain.
-    """
-
-    boxes: list[Box]
-    low: Floats
+    boxes: list[Box]  # Coarsest first
+    low: Floats  # (3,), mesh length unit. Lower corner of the domain
     dimension: int
 
     def points(self) -> Floats:

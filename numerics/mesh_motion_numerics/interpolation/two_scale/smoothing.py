@@ -28,18 +28,10 @@ _PANELS, _POINTS = 64, 24
 
 
 class Smoothing(NamedTuple):
-    """The waves that the first level follows, and the levels for the remainder.
+    """The waves that the first level follows, and the levels for the remainder."""
 
-    Attributes
-    ----------
-    wave : float, mesh length unit
-        Wavelength at the wall that the first level damps to a half.
-    radii : float
-        Support radius of a narrow level in units of the spacing of its nodes.
-    """
-
-    wave: float
-    radii: float
+    wave: float  # mesh length unit. Wavelength at the wall that the first level damps to a half
+    radii: float  # Support radius of a narrow level in units of the spacing of its nodes
 
     def shares(self, basis: Basis, radius: float, points: Floats, spacing: Floats) -> Floats:
         """λ (m,) of control points (m, d) with the distance ``spacing`` (m,) from their nearest neighbours."""

@@ -87,7 +87,7 @@ def in_force(stage: Stage, key: str, wanted: Any) -> None:
 
 @suite("4.5")
 def integer_for_a_float(stage: Stage) -> None:
-    """Where a float is asked for, an integer is admitted."""
+    """An integer is admitted as the value of a float."""
     _has(stage, "support_radius", 1.0)
 
 

@@ -212,7 +212,7 @@ class Session:
         return self.join()
 
     def send(self, request: Request, partition: int = 0) -> int:
-        """Send a request without waiting for the reply; its number."""
+        """Send a request without waiting for the reply; return its number."""
         line = self.lines[partition]
         number = line.next()
         self.stage.put(line, request.frames(line.client, number))

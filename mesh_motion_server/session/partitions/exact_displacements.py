@@ -4,23 +4,9 @@ The arrays are as large as the mesh, so each is written once or, if only few num
 sums, so the results are the same for any number of threads.
 """
 
-from typing import NamedTuple
-
 import mesh_motion_kernels as kernels
 import numpy as np
-
 from mesh_motion_numerics.arrays import Floats, Integers
-
-
-class BoundaryDisplacement(NamedTuple):
-    """The requested motion: (k, d) start positions of the moving nodes, and their displacement (k, d) from there."""
-
-    origin: Floats
-    displacement: Floats
-
-    def at(self, fraction: float) -> Floats:
-        """(k, d) positions of the moving nodes after a fraction of the displacement."""
-        return self.origin + fraction * self.displacement
 
 
 def settle(moved: Floats, base: Floats, nodes: Integers, displacement: Floats) -> bool:

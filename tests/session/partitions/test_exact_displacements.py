@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from mesh_motion_numerics.motion.exact_displacements import differences_of, settle
+
+from mesh_motion_server.session.partitions.exact_displacements import differences_of, settle
 
 
 @pytest.mark.parametrize("count", [1, 63, 40_001, 400_001])
