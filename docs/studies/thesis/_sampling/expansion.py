@@ -67,7 +67,7 @@ def expand(interpolant: Interpolant, points: Floats) -> Floats:
     (g, k, c) array
         ``S_i(p + y) ≈ S_i(p) + Σ_c out[p, i, c] · monomial_c(y)``, in the order of :func:`monomials`.
     """
-    layout, d = interpolant.layout, interpolant.dimension
+    layout, d = interpolant.layout, points.shape[1]
     terms = monomials(d)
     weights = np.ascontiguousarray(interpolant.weights[layout.order].T)
     out = np.empty((len(points), weights.shape[0], len(terms)))
