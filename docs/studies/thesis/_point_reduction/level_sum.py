@@ -1,7 +1,7 @@
 """A sum of interpolants, each of the error of the earlier ones; shared by the algorithms with levels."""
 
 import numpy as np
-from mesh_motion_numerics.arrays import Integers
+from mesh_motion_numerics.arrays import Integers, bytes_of
 from mesh_motion_numerics.interpolation.interpolant import AllCentreFactorization, factorize
 from mesh_motion_numerics.reduction.growing_set import full_operations
 from mesh_motion_numerics.reduction.problem import Level, Progress, Reduced, ReductionProblem
@@ -76,5 +76,5 @@ def _operations(problem: ReductionProblem, factorization: AllCentreFactorization
     n = len(factorization.control_points)
     if factorization.solver == "dense":
         return full_operations(problem, n)
-    entries = factorization.nbytes / 24  # of one triangle: a value and a row each, twice
+    entries = bytes_of(factorization) / 24  # of one triangle: a value and a row each, twice
     return float(entries * (entries / n + 2.0 * problem.displacement.shape[1]))
