@@ -1448,6 +1448,31 @@ def test_medit_in_the_plane_with_comments_and_second_order(tmp_path: Path) -> No
     assert after.endswith(tail[tail.index("EdgesP2") :])
 
 
+@pytest.mark.parametrize("incomplete", [0, 1])
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_medit_of_gmsh_has_second_order_below_the_keywords_of_first(
+    tmp_path: Path, dimension: int, incomplete: int
+) -> None:
+    """A peer: Gmsh writes quadrilaterals of 8 and 9 nodes as ``Quadrilaterals``, and hexahedra likewise."""
+    with quiet_gmsh() as gmsh:
+        gmsh.option.setNumber("Mesh.SecondOrderIncomplete", incomplete)
+        surface = gmsh.model.occ.addRectangle(0, 0, 0, 1, 1)
+        if dimension == 3:
+            gmsh.model.occ.extrude([(2, surface)], 0, 0, 1, numElements=[2], recombine=True)
+        gmsh.model.occ.synchronize()
+        gmsh.option.setNumber("Mesh.MeshSizeMin", 0.4)
+        gmsh.option.setNumber("Mesh.RecombineAll", 1)
+        gmsh.model.mesh.generate(dimension)
+        gmsh.model.mesh.setOrder(2)
+        for suffix in ("msh", "mesh"):
+            gmsh.write(str(tmp_path / f"m.{suffix}"))
+    ours, other = read_mesh(tmp_path / "m.mesh"), read_mesh(tmp_path / "m.msh")
+    np.testing.assert_allclose(ours.points, other.points, atol=1e-12)
+    assert lists(ours.cells) == lists(other.cells)
+    assert lists(ours.patches) == lists(other.patches)
+    assert ours.notes == other.notes[1:]  # the first is on groups
+
+
 def binary_medit(path: Path, order: str, version: int) -> bytes:
     """The file of :func:`medit` as libMeshb writes it."""
     medit(path)

@@ -237,14 +237,19 @@ def test_nastran_numbers_have_sixteen_characters(tmp_path: Path, value: float) -
     assert "0.0" not in (tmp_path / "n.bdf").read_text()
 
 
-@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize(("order", "quads"), [(1, 0), (2, 0), (2, 1)])
 @pytest.mark.parametrize("form", [0, 1, 2])
-def test_gmsh_writes_nastran(tmp_path: Path, form: int, order: int) -> None:
+def test_gmsh_writes_nastran(tmp_path: Path, form: int, order: int, quads: int) -> None:
     """A peer: the same cells and the same nodes on surfaces as in its own file."""
     with quiet_gmsh() as gmsh:
-        gmsh.model.occ.addBox(0, 0, 0, 1, 1, 1)
+        if quads:
+            gmsh.model.occ.addRectangle(0, 0, 0, 1, 1)
+            gmsh.model.occ.extrude([(2, 1)], 0, 0, 1, numElements=[2], recombine=True)
+        else:
+            gmsh.model.occ.addBox(0, 0, 0, 1, 1, 1)
         gmsh.model.occ.synchronize()
         gmsh.option.setNumber("Mesh.MeshSizeMax", 0.5)
+        gmsh.option.setNumber("Mesh.RecombineAll", quads)
         gmsh.option.setNumber("Mesh.BdfFieldFormat", form)
         gmsh.model.mesh.generate(3)
         gmsh.model.mesh.setOrder(order)

@@ -32,6 +32,9 @@ _ELEMENTS = {
     "QuadrilateralsQ2": ("quad", 9), "TetrahedraP2": ("tetra", 10), "HexahedraQ2": ("hexahedron", 27),
     "PrismsP2": ("wedge", 18), "PyramidsP2": ("pyramid", 14),
 }  # fmt: skip
+#: Numbers of nodes that elements of second order may have; Gmsh writes them with the keywords of first order.
+_SECOND = {"triangle": (6,), "quad": (8, 9), "tetra": (10,), "hexahedron": (20, 27), "wedge": (15, 18),
+           "pyramid": (13, 14), "line": (3,)}  # fmt: skip
 _OF_OTHER_ORDER = re.compile(r"(Edges|Triangles|Quadrilaterals|Tetrahedra|Hexahedra|Prisms|Pyramids)[PQ]\d")
 #: BAMG writes sizes as hVertices.
 _KEYWORD = re.compile(rb"(?:^|(?<=\s))h?[A-Z][A-Za-z0-9]*(?=\s|$)")
@@ -86,8 +89,9 @@ class _Binary:
         row = np.dtype([("x", self.real, (self.width,)), ("reference", self.integer)])
         return self._rows("Vertices", row)["x"].astype(np.float64)
 
-    def rows(self, keyword: str, width: int) -> Integers:
+    def rows(self, keyword: str, width: int, wider: tuple[int, ...] = ()) -> Integers:
         """(m, width) the numbers of a section."""
+        del wider  # in a binary file each keyword has one width
         return self._rows(keyword, np.dtype((self.integer, (width,)))).astype(np.int64)
 
     def moved(self, points: Floats) -> bytes:
@@ -143,8 +147,11 @@ class _Sections:
         """(n, d) the vertices."""
         return self._numbers("Vertices", self.width + 1)[:, :-1]
 
-    def rows(self, keyword: str, width: int) -> Integers:
-        """(m, width) the numbers of a section."""
+    def rows(self, keyword: str, width: int, wider: tuple[int, ...] = ()) -> Integers:
+        """(m, width) the numbers of a section; of another width of ``wider`` if it has as many."""
+        words = self._words(keyword)
+        count, given = integer(words[0]) if words else 0, len(words) - 1
+        width = next((other for other in wider if given == count * other > 0), width)
         return self._numbers(keyword, width).astype(np.int64)
 
     def moved(self, points: Floats) -> bytes:
@@ -185,7 +192,7 @@ def _mesh(path: Path, file: _Binary | _Sections) -> MeshFile:
     for keyword in file.places:
         if keyword in _ELEMENTS:
             name, count = _ELEMENTS[keyword]
-            rows = file.rows(keyword, count + 1)
+            rows = file.rows(keyword, count + 1, tuple(wider + 1 for wider in _SECOND[name]))
             wrong = np.argwhere((rows[:, :-1] < 1) | (rows[:, :-1] > len(points)))
             if len(wrong):
                 row, node = int(wrong[0, 0]), int(rows[tuple(wrong[0])])

@@ -29,6 +29,7 @@ _ELEMENTS = {
     "CTETRA": ("tetra", 10), "CPYRAM": ("pyramid", 13), "CPYRA": ("pyramid", 13), "CPENTA": ("wedge", 15),
     "CHEXA": ("hexahedron", 20), "CTRIA3": ("triangle", 3), "CTRIAR": ("triangle", 3), "CTRIA6": ("triangle", 6),
     "CQUAD4": ("quad", 4), "CQUADR": ("quad", 4), "CSHEAR": ("quad", 4), "CQUAD8": ("quad", 8), "CQUAD": ("quad", 9),
+    "CQUAD9": ("quad", 9),  # Gmsh's name of CQUAD
     "CPLSTN3": ("triangle", 3), "CPLSTN6": ("triangle", 6), "CPLSTN4": ("quad", 4), "CPLSTN8": ("quad", 8),
     "CBAR": ("line", 2), "CBEAM": ("line", 2), "CROD": ("line", 2), "CTUBE": ("line", 2),
 }  # fmt: skip
