@@ -200,6 +200,7 @@ void Foam::remoteMeshMotion::toAll(const pointField& own, pointField& all) const
 {
     if (zone_)
     {
+        all = Zero; // of a patch that the zone shares with other cells, too
         UIndirectList<point>(all, zone_->pointMap()) = own;
     }
     else

@@ -81,6 +81,31 @@ def test_it_moves_as_if_it_were_the_whole_mesh(zone_case, choose):
     assert np.abs(end - start).max() > 0.05
 
 
+_ALL_MOVE = """FoamFile { version 2.0; format ascii; class pointVectorField; object pointDisplacement; }
+dimensions [0 1 0 0 0 0 0]; internalField uniform (0 0 0); boundaryField
+{
+    ".*" { type uniformFixedValue; uniformValue table ((0 (0 0 0)) (1 (0.1 0 0))); }
+    frontAndBack { type empty; }
+}
+"""
+
+
+def test_points_of_a_moving_patch_outside_it_stay(zone_case):
+    """The walls are a patch of the zone and of the other cells."""
+    case = zone_case()
+    single(case, others="oldInternalFaces free;")
+    motion = case.folder / "constant/dynamicMeshDict"
+    motion.write_text(motion.read_text().replace("inlet fixed; walls slip", '"(inlet|walls)" moving'))
+    (case.folder / "0/pointDisplacement").write_text(_ALL_MOVE)
+    case.run("moveDynamicMesh")
+    start, end = case.points("constant"), case.points("0.1")
+    beyond = start[:, 0] > 1.3
+    np.testing.assert_array_equal(end[beyond], start[beyond])
+    within = start[:, 0] < 1.2
+    moved = np.broadcast_to([0.01, 0.0, 0.0], (within.sum(), 3))
+    np.testing.assert_allclose(end[within] - start[within], moved, rtol=0, atol=1e-12)
+
+
 @pytest.mark.parametrize(("ranks", "end"), [(2, 1.25), (3, 1.05)], ids=["both ranks", "two ranks of three"])
 def test_ranks_move_it_as_one_does(zone_case, ranks, end):
     serial, parallel = zone_case(end=end), zone_case("parallel", end)
