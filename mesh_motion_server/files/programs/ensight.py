@@ -23,8 +23,9 @@ from mesh_motion_server.files.mesh_file import MeshFile, assemble_elements, by_n
 from mesh_motion_server.files.moved import companions, edit
 from mesh_motion_server.files.replace import replacing
 from mesh_motion_server.files.text import integer, real, text_of
-from mesh_motion_server.files.vtk.grid import KNOWN_TYPES, lattice, structured_cells
+from mesh_motion_server.files.vtk.grid import KNOWN_TYPES, CellFaces, lattice, structured_cells
 from mesh_motion_server.files.vtk.pieces import numbering
+from mesh_motion_server.files.vtk.polyhedra import Numbered, simple_elements
 
 _SHAPES = {"point": "", "bar": "line", "tria": "triangle", "quad": "quad", "tetra": "tetra", "pyramid": "pyramid",
            "penta": "wedge", "hexa": "hexahedron"}  # fmt: skip
@@ -116,14 +117,18 @@ class _Part:
     points: Floats
     places: list[int]
     elements: list[tuple[str, Integers]] = field(default_factory=list)
+    polygons: list[CellFaces] = field(default_factory=list)
+    polyhedra: list[CellFaces] = field(default_factory=list)
 
     @property
     def dimension(self) -> int:
-        return max((_dimension(name) for name, nodes in self.elements if len(nodes)), default=0)
+        """Of its elements; -1 without any."""
+        simple = [_dimension(name) for name, nodes in self.elements if len(nodes)]
+        return max([*simple, *(2 for _ in self.polygons), *(3 for _ in self.polyhedra)], default=-1)
 
 
 def _dimension(name: str) -> int:
-    return CELL_TYPES[name].dimension if name in CELL_TYPES else 2 if name == "nsided" else 0
+    return CELL_TYPES[name].dimension if name else 0
 
 
 def _parts(path: Path) -> tuple[_Text | _Binary, list[_Part]]:
@@ -162,7 +167,7 @@ def _content(file: _Text | _Binary) -> list[_Part]:
                 file.numbers(count)
             parts.append(_coordinates(file, name, count))
         elif (match := _ELEMENTS.fullmatch(line.lower())) and parts:
-            parts[-1].elements += _elements(file, match, parts[-1], elements_given)
+            _read_elements(file, match, parts[-1], elements_given)
         else:
             of_six = ": it is EnSight 6's, of which ParaView makes .vtu" if line.lower() == "coordinates" else ""
             raise ValueError(f"{line[:40]!r}, expected a part or a type of elements{of_six}")
@@ -220,34 +225,39 @@ def _given(kind: str, line: str) -> bool:
     return found[1].lower() in ("given", "ignore")
 
 
-def _ways(kind: str) -> str:
-    """How to convert what is not read."""
-    return "; ParaView's filter Tetrahedralize makes cells of them that are read" if kind == "nfaced" else ""
-
-
-def _elements(file: _Text | _Binary, kind: re.Match[str], part: _Part, given: bool) -> list[tuple[str, Integers]]:
-    """The next elements of a part, polygons as one column of their nodes; none of ghosts, which another part has."""
+def _read_elements(file: _Text | _Binary, kind: re.Match[str], part: _Part, given: bool) -> None:
+    """Add the next elements of a part to it; none of ghosts, which another part has."""
     ghost, name, digits = kind.groups()
     count = int(file.numbers(1)[0])
-    if count < 0 or (name not in _SHAPES and name != "nsided"):
-        raise ValueError(f"{count} elements {kind[0]!r}; known are {', '.join(_SHAPES)}, nsided{_ways(name)}")
+    if count < 0 or (name not in _SHAPES and name not in ("nsided", "nfaced")):
+        raise ValueError(f"{count} elements {kind[0]!r}; known are {', '.join(_SHAPES)}, nsided, nfaced")
     if given:
         file.numbers(count)
-    if name == "nsided":
-        sizes = file.numbers(count).astype(np.int64)
-        found, shape = file.numbers(int(sizes.sum())).astype(np.int64)[:, None], "nsided"
-    else:
+    if name in _SHAPES:
         shape, width = _SHAPES[name], int(digits or 1)
         if shape and width < CELL_TYPES[shape].n_nodes:
             raise ValueError(f"elements {kind[0]!r} have too few nodes")
-        found = file.numbers(count * width).astype(np.int64).reshape(-1, width)
-    wrong = np.argwhere((found < 1) | (found > len(part.points)))
+        found = _nodes(file, kind[0], part, count * width).reshape(-1, width)
+        if not ghost:
+            part.elements.append((shape, found))
+        return
+    counts = file.numbers(count).astype(np.int64)
+    sizes = file.numbers(int(counts.sum())).astype(np.int64) if name == "nfaced" else counts
+    if name == "nsided":
+        counts = np.ones(count, np.int64)
+    faces = CellFaces.of_counts(_nodes(file, kind[0], part, int(sizes.sum())), sizes, counts)
+    if count and not ghost:
+        (part.polyhedra if name == "nfaced" else part.polygons).append(faces)
+
+
+def _nodes(file: _Text | _Binary, kind: str, part: _Part, count: int) -> Integers:
+    """(count,) the nodes of elements, counted from 0."""
+    found = file.numbers(count).astype(np.int64)
+    wrong = np.flatnonzero((found < 1) | (found > len(part.points)))
     if len(wrong):
-        node, row = int(found[tuple(wrong[0])]), int(wrong[0, 0]) + 1
-        raise ValueError(
-            f"part {part.name!r}, {kind[0]}, row {row}: node {node}, but its nodes are 1 to {len(part.points)}"
-        )
-    return [] if ghost else [(shape, found - 1)]
+        node = int(found[wrong[0]])
+        raise ValueError(f"part {part.name!r}, {kind}: node {node}, but its nodes are 1 to {len(part.points)}")
+    return found - 1
 
 
 def _geometry(case: Path, content: bytes) -> tuple[Path, str]:
@@ -272,8 +282,8 @@ def _read_case(path: Path) -> MeshFile:
 
 def _numbered(path: Path, parts: list[_Part]) -> tuple[list[_Part], list[Integers], Floats]:
     """The parts, those with cells first; the mesh's node for each of their nodes; and the nodes of the cells (n, 3)."""
-    dimension = max((part.dimension for part in parts), default=0)
-    parts = sorted((part for part in parts if part.elements), key=lambda part: part.dimension < dimension)
+    dimension = max((part.dimension for part in parts), default=-1)
+    parts = sorted((part for part in parts if part.dimension >= 0), key=lambda part: part.dimension < dimension)
     if not parts:
         raise InvalidInput(f"{path}: the mesh has no cells", hint="was the mesh saved before it was generated?")
     first = np.cumsum([0, *(len(part.points) for part in parts)])
@@ -286,37 +296,45 @@ def _numbered(path: Path, parts: list[_Part]) -> tuple[list[_Part], list[Integer
 def _read(path: Path) -> MeshFile:
     """Read a mesh from the geometry of a case.
 
-    Raises InvalidInput for polyhedra and unknown elements, and malformed files.
+    Raises InvalidInput for unknown elements and malformed files, and for polyhedra that cannot be divided.
     """
     parts, numbers, points = _numbered(path, _parts(path)[1])
     dimension, notes = parts[0].dimension, []
-    elements: list[tuple[str, Integers]] = []
+    elements: list[Numbered] = []
+    polygons: list[CellFaces] = []
+    polyhedra: list[CellFaces] = []
+    for number, (part, rows) in enumerate(zip(parts, numbers, strict=True)):
+        if (outside := _outside(part, rows, len(points))) > 0:
+            notes.append(f"the part {part.name!r} has nodes that no cell has ({outside} elements): it is no patch")
+            continue
+        elements += [(name, rows[nodes], np.full(len(nodes), number)) for name, nodes in part.elements]
+        polygons += [replace(of, nodes=rows[of.nodes], cells=np.full_like(of.cells, number)) for of in part.polygons]
+        polyhedra += [replace(of, nodes=rows[of.nodes]) for of in part.polyhedra]
+    points, elements, _ = simple_elements(path, points, elements, polygons=polygons, polyhedra=polyhedra, groups={})
     found: dict[str, list[tuple[int, Integers]]] = defaultdict(list)
-    for part, rows in zip(parts, numbers, strict=True):
-        for name, nodes in part.elements:
-            if _dimension(name) == dimension:
-                if name == "nsided":
-                    raise InvalidInput(
-                        f"{path}: cells of the part {part.name!r} are polygons (nsided)",
-                        hint="ParaView's filter Triangulate divides them",
-                    )
-                elements.append((name, rows[nodes]))
-            elif (outside := int((rows[nodes] >= len(points)).any(axis=1).sum())) > 0:
-                notes.append(f"the part {part.name!r} has nodes that no cell has ({outside} elements): it is no patch")
-            elif len(nodes):
-                found[part.name].append((_dimension(name), rows[nodes].ravel()))
+    for number, part in enumerate(parts):
+        for name, nodes, own in elements:
+            if _dimension(name) < dimension and (own == number).any():
+                found[part.name].append((_dimension(name), nodes[own == number].ravel()))
     patches, of_names = by_name(found)
-    mesh = assemble_elements(path, points, elements, patches)
+    mesh = assemble_elements(path, points, [(name, nodes) for name, nodes, _ in elements], patches)
     return replace(mesh, notes=(*mesh.notes, *notes, *of_names))
+
+
+def _outside(part: _Part, rows: Integers, count: int) -> int:
+    """The number of its elements that have nodes beyond the ``count`` nodes of the cells."""
+    simple = [(rows[nodes] >= count).any(axis=1) for _, nodes in part.elements]
+    faces = [np.add.reduceat(rows[of.nodes] >= count, of.first) > 0 for of in part.polygons]
+    return sum(int(one.sum()) for one in (*simple, *faces))
 
 
 def _move(source: Path, target: Path, points: Floats) -> None:
     """Write the geometry with other coordinates of the nodes."""
     file, parts = _parts(source)
-    parts, numbers, _ = _numbered(source, parts)
+    parts, numbers, own_points = _numbered(source, parts)
     places: list[tuple[int, Floats]] = []
     for part, rows in zip(parts, numbers, strict=True):
-        own, moved = rows < len(points), part.points.copy()
+        own, moved = rows < len(own_points), part.points.copy()
         moved[own, : points.shape[1]] = points[rows[own]]
         if not part.places:
             raise InvalidInput(f"{source}: the block {part.name!r} has no list of points", hint="take .vtu")

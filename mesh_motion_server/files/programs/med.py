@@ -20,9 +20,11 @@ from mesh_motion_protocol.errors import InvalidInput
 
 from mesh_motion_server.files.format import Format
 from mesh_motion_server.files.hdf5 import array_of, opened_hdf5, whole_of
-from mesh_motion_server.files.mesh_file import MeshFile, assemble_elements, by_name, chosen_zone
+from mesh_motion_server.files.mesh_file import MeshFile, assemble_elements, by_name, chosen_zone, concatenated
 from mesh_motion_server.files.moved import copied_hdf5
 from mesh_motion_server.files.text import text_of
+from mesh_motion_server.files.vtk.grid import CellFaces
+from mesh_motion_server.files.vtk.polyhedra import Numbered, simple_elements
 
 #: Our type and the number of nodes for MED's types; types of higher order have their corners first.
 _TYPES = {
@@ -32,7 +34,7 @@ _TYPES = {
     "PE6": ("wedge", 6), "P15": ("wedge", 15), "PE15": ("wedge", 15), "P18": ("wedge", 18), "PY5": ("pyramid", 5),
     "P13": ("pyramid", 13),
 }  # fmt: skip
-_POLY = {"POG": " (polygons)", "PO2": " (polygons)", "POE": " (polyhedra)"}
+_POLYGONS, _POLYHEDRA = "POG", "POE"
 #: MED lists the first face of a 3D cell in the opposite direction: our corner k is its corner _CORNERS[type][k].
 _CORNERS = {"tetra": (0, 2, 1, 3), "hexahedron": (0, 3, 2, 1, 4, 7, 6, 5), "wedge": (0, 2, 1, 3, 5, 4),
             "pyramid": (0, 3, 2, 1, 4)}  # fmt: skip
@@ -41,8 +43,8 @@ _CORNERS = {"tetra": (0, 2, 1, 3), "hexahedron": (0, 3, 2, 1, 4, 7, 6, 5), "wedg
 def _read(path: Path, zone: str = "") -> MeshFile:
     """Read a mesh from ``.med``; ``zone`` is the name or number of one of several meshes.
 
-    Raises InvalidInput without h5py; for several meshes if none is chosen, structured ones, polygons, polyhedra, and
-    damaged files.
+    Raises InvalidInput without h5py; for several meshes if none is chosen, structured ones, and damaged files; for
+    polyhedra that cannot be divided.
     """
     with opened_hdf5(path, "MED file") as file:
         chosen = chosen_zone(path, list(file["ENS_MAA"]), zone)
@@ -50,17 +52,27 @@ def _read(path: Path, zone: str = "") -> MeshFile:
         mesh = _step(file, chosen)
         groups = _groups(path, file, chosen)
         points = _components(path, mesh["NOE/COO"], "f")
-        types, dimension = _elements(path, mesh, len(points))
-        found: dict[str, list[tuple[int, Integers]]] = defaultdict(list)
+        of_nodes: dict[str, list[Integers]] = defaultdict(list)
         if "FAM" in mesh["NOE"]:
             for group, rows in _grouped(array_of(path, mesh["NOE/FAM"], "iu"), groups):
-                found[group].append((0, rows))
-        for key, (name, nodes) in types.items():
-            if "FAM" in mesh[f"MAI/{key}"] and (not name or CELL_TYPES[name].dimension < dimension):
-                for group, rows in _grouped(array_of(path, mesh[f"MAI/{key}/FAM"], "iu"), groups):
+                of_nodes[group].append(rows)
+        points, elements, node_groups = simple_elements(
+            path,
+            points,
+            _elements(path, mesh, len(points)),
+            **_faces(path, mesh, len(points)),
+            groups=concatenated(of_nodes),
+        )
+        dimension = max((CELL_TYPES[name].dimension for name, *_ in elements if name), default=0)
+        found: dict[str, list[tuple[int, Integers]]] = defaultdict(list)
+        for group, nodes in node_groups.items():
+            found[group].append((0, nodes))
+        for name, nodes, families in elements:
+            if not name or CELL_TYPES[name].dimension < dimension:
+                for group, rows in _grouped(families, groups):
                     found[group].append((CELL_TYPES[name].dimension if name else 0, nodes[rows].ravel()))
         patches, notes = by_name(found)
-        whole = assemble_elements(path, points, [*types.values()], patches)
+        whole = assemble_elements(path, points, [(name, nodes) for name, nodes, _ in elements], patches)
         return replace(whole, zone=chosen, notes=(*whole.notes, *notes))
 
 
@@ -89,13 +101,15 @@ def _components(path: Path, data: Any, kinds: str) -> Any:
     return array_of(path, data, kinds).reshape(-1, count).T
 
 
-def _elements(path: Path, mesh: Any, n_points: int) -> tuple[dict[str, tuple[str, Integers]], int]:
-    """{MED's type: (our type, nodes (m, k))}, and the dimension of the cells."""
-    found = {}
+def _elements(path: Path, mesh: Any, n_points: int) -> list[Numbered]:
+    """Our type, nodes (m, k) and families (m,) of the elements that are no polygons and no polyhedra."""
+    found = []
     for key in mesh.get("MAI", ()):
+        if key in (_POLYGONS, _POLYHEDRA):
+            continue
         if key not in _TYPES:
-            way = "; MEDCoupling's writeVTK makes a .vtu of them, which is read" if key in _POLY else ""
-            raise ValueError(f"elements of type {key}{_POLY.get(key, '')}; known are {', '.join(_TYPES)}{way}")
+            way = "; MEDCoupling's convertQuadraticCellsToLinear makes polygons of them that are read" * (key == "PO2")
+            raise ValueError(f"elements of type {key}; known are {', '.join(_TYPES)}, POG, POE{way}")
         name, count = _TYPES[key]
         nodes = _components(path, mesh[f"MAI/{key}/NOD"], "iu") - 1
         wrong = np.argwhere((nodes < 0) | (nodes >= n_points))
@@ -104,8 +118,35 @@ def _elements(path: Path, mesh: Any, n_points: int) -> tuple[dict[str, tuple[str
             raise ValueError(f"element {int(wrong[0, 0]) + 1 if len(wrong) else 1} of type {key} {reason}")
         if name in _CORNERS:
             nodes[:, : len(_CORNERS[name])] = nodes[:, _CORNERS[name]]
-        found[key] = (name, nodes)
-    return found, max((CELL_TYPES[name].dimension for name, _ in found.values() if name), default=0)
+        found.append((name, nodes, _families(path, mesh[f"MAI/{key}"], len(nodes))))
+    return found
+
+
+def _families(path: Path, elements: Any, count: int) -> Integers:
+    """(count,) the families of elements; 0 if they have none."""
+    found: Integers = array_of(path, elements["FAM"], "iu") if "FAM" in elements else np.zeros(count, np.int64)
+    if len(found) != count:
+        raise ValueError(f"{count} elements, but {len(found)} numbers of families")
+    return found
+
+
+def _faces(path: Path, mesh: Any, n_points: int) -> dict[str, list[CellFaces]]:
+    """The polygons, with their families, and the polyhedra."""
+    found: dict[str, list[CellFaces]] = {"polygons": [], "polyhedra": []}
+    for key, kind in ((_POLYGONS, "polygons"), (_POLYHEDRA, "polyhedra")):
+        if key not in mesh.get("MAI", ()):
+            continue
+        elements = mesh[f"MAI/{key}"]
+        nodes, sizes = array_of(path, elements["NOD"], "iu") - 1, np.diff(array_of(path, elements["INN"], "iu"))
+        wrong = np.flatnonzero((nodes < 0) | (nodes >= n_points))
+        if len(wrong):
+            raise ValueError(f"elements of type {key} name node {int(nodes[wrong[0]]) + 1}; the last one is {n_points}")
+        counts = np.diff(array_of(path, elements["IFN"], "iu")) if key == _POLYHEDRA else np.ones(len(sizes), np.int64)
+        faces = CellFaces.of_counts(nodes, sizes, counts)
+        if key == _POLYGONS:
+            faces = replace(faces, cells=_families(path, elements, len(sizes)))
+        found[kind].append(faces)
+    return found
 
 
 def _grouped(families: Integers, groups: dict[int, list[str]]) -> Iterator[tuple[str, Integers]]:
@@ -134,8 +175,8 @@ def _move(source: Path, target: Path, points: Floats, zone: str) -> None:
         chosen = chosen_zone(source, list(file["ENS_MAA"]), zone)
     with copied_hdf5(source, target) as file:
         data = _step(file, chosen)["NOE/COO"]
-        columns = data[()].reshape(-1, len(points))
-        columns[: points.shape[1]] = points.T
+        columns = data[()].reshape(-1, int(data.attrs["NBR"]))
+        columns[: points.shape[1]] = points[: columns.shape[1]].T
         data[...] = columns.reshape(data.shape)
 
 

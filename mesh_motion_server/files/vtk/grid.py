@@ -49,6 +49,19 @@ class CellFaces:
         return cls(nodes, offsets[rows], np.diff(offsets)[rows], rows).of_rows(np.arange(len(rows)))
 
     @classmethod
+    def of_counts(cls, nodes: Integers, sizes: Integers, counts: Integers) -> CellFaces:
+        """Faces of ``sizes`` nodes each, one after the other; each cell has the next ``counts`` faces.
+
+        Raises ValueError if a cell has no face, a face has fewer than three nodes, or the sums do not fit.
+        """
+        if (few := np.flatnonzero(counts < 1)).size or (short := np.flatnonzero(sizes < 3)).size:
+            what = f"polyhedron {few[0] + 1} has no faces" if few.size else f"face {short[0] + 1} has too few nodes"
+            raise ValueError(what)
+        if counts.sum() != len(sizes) or sizes.sum() != len(nodes):
+            raise ValueError("the faces of the polyhedra do not fit their list")
+        return cls(nodes, np.cumsum(sizes) - sizes, sizes, np.repeat(np.arange(len(counts)), counts))
+
+    @classmethod
     def of_streams(cls, numbers: Integers, first: Integers, rows: Integers) -> CellFaces:
         """Faces of the cells ``rows``, which begin at ``first``: the number of faces, for each its size and nodes.
 

@@ -6,6 +6,7 @@ Polyhedra are divided as OpenFOAM's are (:mod:`mesh_motion_server.files.polyhedr
 plane about a node in their middle. The new nodes follow the nodes of the grid.
 """
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -26,6 +27,8 @@ _PRISMS = {15: 5, 16: 6}  # nodes of the ends, by VTK's type
 _CODES = {name: code for code, name in reversed(KNOWN_TYPES.items())}
 #: Nodes (m, k) of new cells by their type, and the cell (m,) of the grid that gives them its values, or -1.
 Added = tuple[str, Integers, Integers]
+#: Our type, nodes (m, k), and a number (m,) of each element: of its group or part.
+Numbered = tuple[str, Integers, Integers]
 
 
 def divided(path: Path, grid: VtkGrid) -> VtkGrid:
@@ -70,6 +73,57 @@ def divided(path: Path, grid: VtkGrid) -> VtkGrid:
     return _with(
         grid, ~(solid | long), pieces.points, on_faces, [*added, _fans(facets, np.where(middle >= 0, middle, centre))]
     )
+
+
+def simple_elements(
+    path: Path,
+    points: Floats,
+    elements: Sequence[Numbered],
+    *,
+    polygons: Sequence[CellFaces],
+    polyhedra: Sequence[CellFaces],
+    groups: Mapping[str, Integers],
+) -> tuple[Floats, list[Numbered], dict[str, Integers]]:
+    """Points, elements and groups of nodes of a file of another program, without polygons and polyhedra.
+
+    Elements of a file that has such cells keep their corners only. The points keep their numbers; new ones follow.
+    Raises as :func:`divided` does.
+
+    Parameters
+    ----------
+    polygons, polyhedra
+        The cell of a polygon is its number; the polyhedra of each part are counted from 0.
+    groups : {name: (p,) array}
+        Nodes. A new node in the middle of a face is in the groups that have all nodes of this face.
+    """
+    if not polygons and not polyhedra:
+        return points, list(elements), dict(groups)
+    cells = [each for each in elements if each[0]]
+    corners = [nodes[:, : CELL_TYPES[name].n_nodes] for name, nodes, _ in cells]
+    none = CellFaces(*np.empty((4, 0), np.int64))
+    flat, solid, count = CellFaces.joined([none, *polygons]), [none], 0
+    for part in polyhedra:
+        solid.append(replace(part, cells=part.cells + count))
+        count += int(part.cells.max(initial=-1)) + 1
+    kinds = [np.full(len(nodes), _CODES[name]) for name, nodes, _ in cells]
+    sizes = [np.full(len(nodes), nodes.shape[1]) for nodes in corners]
+    kinds += [np.full(len(flat.sizes), POLYGON), np.full(count, POLYHEDRON)]
+    sizes += [flat.sizes, np.zeros(count, np.int64)]
+    types, faces = np.concatenate(kinds), CellFaces.joined(solid)
+    grid = VtkGrid(
+        np.pad(points, ((0, 0), (0, 3 - points.shape[1]))),
+        types,
+        np.concatenate([[0], np.cumsum(np.concatenate(sizes))]),
+        np.concatenate([*(nodes.ravel() for nodes in corners), flat.nodes]),
+        {name: np.isin(np.arange(len(points)), nodes) for name, nodes in groups.items()},
+        {"number": np.concatenate([*(numbers for *_, numbers in cells), flat.cells, np.zeros(count, np.int64)])},
+        replace(faces, cells=faces.cells + len(types) - count),
+    )
+    grid = divided(path, grid)
+    numbers = grid.cell_arrays["number"].astype(np.int64)
+    found = [each for each in elements if not each[0]]
+    found += [(name, nodes, numbers[rows]) for name, rows, nodes in grid.cells()]
+    return grid.points, found, {name: np.flatnonzero(of) for name, of in grid.point_arrays.items()}
 
 
 def _check_nodes(faces: CellFaces, count: int) -> None:

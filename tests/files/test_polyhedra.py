@@ -1,4 +1,4 @@
-"""Polyhedra and polygons in VTK's files, written by VTK itself and by OpenFOAM."""
+"""Polyhedra and polygons in files of VTK, EnSight and MED, written by VTK itself, by OpenFOAM, and by hand."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -87,12 +87,62 @@ def by_vtk(path: Path, version: int = 0) -> None:
     writer.Write()
 
 
+BOTTOM = [5, 4, 3, 2, 1, 0]  # of the hexagon
+
+
+def ensight(path: Path) -> None:
+    """The hexagon and the box, and the bottom of both as a part with nodes of its own."""
+    column = "".join(f"{value!r}\n" for value in POINTS.T.ravel().tolist())
+    low = "".join(f"{value!r}\n" for value in POINTS[:8].T.ravel().tolist())
+    faces = "".join(" ".join(str(node + 1) for node in face) + "\n" for face in PRISM)
+    sizes = "".join(f"{len(face)}\n" for face in PRISM)
+    hexagon, box = (" ".join(str(node + 1) for node in nodes) for nodes in (BOTTOM, BOX))
+    path.write_text(
+        f"a\nb\nnode id off\nelement id off\npart\n1\nfluid\ncoordinates\n16\n{column}"
+        f"hexa8\n1\n{box}\nnfaced\n1\n{len(PRISM)}\n{sizes}{faces}"
+        f"part\n2\nlow\ncoordinates\n8\n{low}quad4\n1\n1 7 8 2\nnsided\n1\n6\n{hexagon}\n"
+    )
+
+
+def med(path: Path) -> None:
+    """The same as MEDCoupling writes it; the box is a polyhedron, too, and its bottom a polygon."""
+    h5py = pytest.importorskip("h5py")
+    sides = [[0, 6, 7, 1], [8, 9, 15, 14], [0, 8, 14, 6], [6, 14, 15, 7], [7, 15, 9, 1], [1, 9, 8, 0]]
+    faces = PRISM + sides
+    with h5py.File(path, "w") as file:
+        step = file.create_group("ENS_MAA/m/-0000000000000000001-0000000000000000001")
+        step.create_dataset("NOE/COO", data=POINTS.T.ravel()).attrs["NBR"] = len(POINTS)
+        step["MAI/POE/NOD"] = np.concatenate(faces) + 1
+        step["MAI/POE/INN"] = np.cumsum([1, *map(len, faces)])
+        step["MAI/POE/IFN"] = np.cumsum([1, len(PRISM), len(sides)])
+        step["MAI/POG/NOD"] = np.concatenate([BOTTOM, sides[0]]) + 1
+        step["MAI/POG/INN"] = np.array([1, 7, 11])
+        step["MAI/POG/FAM"] = np.array([-3, -3])
+        family = file.create_group("FAS/m/ELEME/FAM_-3_low")
+        family.attrs["NUM"] = -3
+        family["GRO/NOM"] = np.frombuffer(b"low".ljust(80, b"\0"), np.int8)[None]
+
+
+def med_nodes(path: Path) -> None:
+    """The same, but the bottom is a group of nodes."""
+    h5py = pytest.importorskip("h5py")
+    med(path)
+    with h5py.File(path, "r+") as file:
+        step = file["ENS_MAA/m/-0000000000000000001-0000000000000000001"]
+        del step["MAI/POG"]
+        step["NOE/FAM"] = np.where(POINTS[:, 2] == 0, -3, 0)
+        file["FAS/m"].move("ELEME", "NOEUD")
+
+
 FILES: dict[str, Callable[[Path], None]] = {
     "old.vtu": old_vtu,
     "new.vtu": by_vtk,
     "old.vtk": lambda path: by_vtk(path, 42),
     "new.vtk": lambda path: by_vtk(path, 51),
     "new.vtkhdf": by_vtk,
+    "ensight.geo": ensight,
+    "faces.med": med,
+    "nodes.med": med_nodes,
 }
 
 
@@ -184,12 +234,15 @@ def test_polygons_in_a_plane_are_divided_about_their_middle(tmp_path: Path) -> N
     assert lists(mesh.patches) == {"3": [6, 7]}
 
 
-def test_openfoam_s_own_export_has_the_cells_of_the_case(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("export", "file"), [("foamToVTK", "VTK/*/internal.vtu"), ("foamToEnsight", "EnSight/case.case")]
+)
+def test_openfoam_s_own_export_has_the_cells_of_the_case(tmp_path: Path, export: str, file: str) -> None:
     case = foam.FoamCase.new(tmp_path / "case", foam.BOX)
     case.run("blockMesh")
     case.run("polyDualMesh", "75", "-overwrite")
-    case.run("foamToVTK", "-constant")
-    expected, mesh = read_mesh(case.folder), read_mesh(next(case.folder.glob("VTK/*/internal.vtu")))
+    case.run(export, *(["-constant"] if export == "foamToVTK" else []))
+    expected, mesh = read_mesh(case.folder), read_mesh(next(case.folder.glob(file)))
     count = case.checked()["points"]
     np.testing.assert_allclose(mesh.points[:count], expected.points[:count], atol=1e-6)
     assert {name: len(nodes) for name, nodes in mesh.cells.items()} == {
@@ -212,6 +265,40 @@ def test_openfoam_s_own_export_has_the_cells_of_the_case(tmp_path: Path) -> None
 def test_damaged_faces_are_one_clear_line(tmp_path: Path, old: str, new: str, message: str) -> None:
     old_vtu(path := tmp_path / "m.vtu")
     one_line(replaced(path, old, new), message)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (f"nfaced\n1\n{len(PRISM)}\n", "nfaced\n1\n0\n", "polyhedron 1 has no faces"),
+        ("nsided\n1\n6\n", "nsided\n1\n2\n", "6 numbers, expected 2"),
+        ("nsided\n1\n6\n6 5 4 3 2 1", "nsided\n1\n2\n6 5", "face 1 has too few nodes"),
+        ("nsided\n1\n6\n6", "nsided\n1\n6\n99", "part 'low', nsided: node 99, but its nodes are 1 to 8"),
+        ("nfaced", "convex", "elements 'convex'; known are point, .*, nsided, nfaced"),
+    ],
+)
+def test_damaged_faces_of_ensight_are_one_clear_line(tmp_path: Path, old: str, new: str, message: str) -> None:
+    ensight(path := tmp_path / "m.geo")
+    one_line(replaced(path, old, new), f"malformed EnSight geometry: .*({message})")
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "message"),
+    [
+        ("POE/IFN", [1, 1, 15], "polyhedron 1 has no faces"),
+        ("POE/IFN", [1, 8, 14], "the faces of the polyhedra do not fit their list"),
+        ("POG/NOD", np.full(10, 99), "elements of type POG name node 99; the last one is 16"),
+        ("POG/FAM", [-3], "2 elements, but 1 numbers of families"),
+    ],
+)
+def test_damaged_faces_of_med_are_one_clear_line(tmp_path: Path, name: str, values: Any, message: str) -> None:
+    h5py = pytest.importorskip("h5py")
+    med(path := tmp_path / "m.med")
+    with h5py.File(path, "r+") as file:
+        elements = file["ENS_MAA/m/-0000000000000000001-0000000000000000001/MAI"]
+        del elements[name]
+        elements[name] = np.asarray(values)
+    one_line(path, message)
 
 
 def test_a_face_of_three_cells_is_refused(tmp_path: Path) -> None:
