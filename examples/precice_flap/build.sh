@@ -11,7 +11,7 @@ openfoam=$here/../../adapters/openfoam
 . "$openfoam/environment.sh"
 
 fetched() { # NAME VERSION: the sources of preCICE's repository NAME
-  [ -d "$prefix/$1" ] || git clone -q --depth 1 -b "$2" "https://github.com/precice/$1" "$prefix/$1"
+  [ -d "$prefix/$1" ] || git -c advice.detachedHead=false clone -q --depth 1 -b "$2" "https://github.com/precice/$1" "$prefix/$1"
   echo "$prefix/$1"
 }
 adapter=${ADAPTER_SOURCE:-$(fetched openfoam-adapter v1.3.1)}

@@ -18,7 +18,8 @@ mkdir -p "$out"
 cd "$out"
 rm -rf server.ready precice-run
 if [ -z "${TUTORIALS:-}" ]; then
-  git clone -q --depth 1 -b v202404.0 https://github.com/precice/tutorials tutorials
+  [ -d tutorials ] ||
+    git -c advice.detachedHead=false clone -q --depth 1 -b v202404.0 https://github.com/precice/tutorials tutorials
   TUTORIALS=tutorials
 fi
 . "$root/adapters/openfoam/environment.sh"
@@ -79,6 +80,7 @@ fi
 "${solver[@]}" >log.pimpleFoam 2>&1 &
 running+=($!)
 cd ..
+echo "$tutorial runs in $PWD: tail -f $PWD/fluid/log.pimpleFoam"
 while [ "${#running[@]}" -gt 0 ]; do # preCICE waits for ever for a participant that has ended
   wait -n -p ended "${running[@]}" || { tail -n 15 fluid/log.pimpleFoam; tail -n 5 "${solids[@]/#/log.}"; exit 1; }
   for i in "${!running[@]}"; do [ "${running[i]}" != "$ended" ] || unset "running[i]"; done
