@@ -11,6 +11,7 @@ here=$(cd "$(dirname "$0")" && pwd)
 root=$(cd "$here/../.." && pwd)
 tutorial=${2:-perpendicular-flap}
 prefix=$(cd "${1:?usage: ./run.sh PREFIX [TUTORIAL]}" && pwd)
+[ -z "${TUTORIALS:-}" ] || TUTORIALS=$(cd "$TUTORIALS" && pwd)
 out=${OUT:-out/precice_flap}
 ranks=${RANKS:-1}
 [ -n "${CONTINUE:-}" ] || rm -rf "$out"
