@@ -70,7 +70,7 @@ class Handle:
 def interpolant_handle(library: ctypes.CDLL, field: Interpolant) -> Handle:
     points, weights = np.ascontiguousarray(field.control_points), np.ascontiguousarray(field.weights)
     made = Handle(library, "interpolant", field.basis.name.encode(), c_double(field.support_radius),
-                  c_int64(field.dimension), c_int64(len(points)), pointer(points), c_int64(field.components),
+                  c_int64(points.shape[1]), c_int64(len(points)), pointer(points), c_int64(field.components),
                   pointer(weights))  # fmt: skip
     assert made.made == 0, library.mesh_motion_kernels_error()
     if field.polynomial is not None:
