@@ -13,6 +13,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from mesh_motion_numerics.arrays import bytes_of
 from mesh_motion_numerics.correction.correction import correct
 from mesh_motion_numerics.correction.correction_problem import CorrectionProblem
 from mesh_motion_numerics.interpolation import evaluation
@@ -205,7 +206,7 @@ def _cost(quick: bool) -> Table:
         levels = boundary.solve(columns)
         seconds = [made - began, time.process_time() - made]
         left = columns - evaluation.displacement(levels, problem.points)
-        stored_bytes = sum(factorization.nbytes for _, factorization in boundary.parts) / 2**20
+        stored_bytes = sum(bytes_of(factorization) for _, factorization in boundary.parts) / 2**20
         rows.append([where, *seconds, stored_bytes, float(np.abs(left).max())])
     caption = f"{problem.n_points} boundary nodes, {len(selected)} chosen; 20 points in 3D with H1 and H2, 120 columns."
     names = ("ψ vanishes on", "factorize, CPU s", "solve, CPU s", "factors, MiB", "left at a node")
