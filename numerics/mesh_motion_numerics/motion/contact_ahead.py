@@ -18,7 +18,7 @@ from mesh_motion_numerics.arrays import Floats, Integers, Marks
 from mesh_motion_numerics.mesh.boundary_crossing import BoundaryFacets
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.mesh.morton import morton_codes
-from mesh_motion_numerics.mesh.smooth_pieces import as_simplices, of_one_width
+from mesh_motion_numerics.mesh.smooth_pieces import area_vectors, as_simplices, of_one_width, widened
 
 _BLOCK = 16  # facets
 
@@ -37,12 +37,11 @@ class ContactAhead:
     @classmethod
     def build(cls, boundary: BoundaryFacets, points: Floats, stiff: CellTable | None = None) -> ContactAhead:
         """Build it for reference coordinates (n, d)."""
-        facets = as_simplices(of_one_width(boundary.nodes)).astype(np.int32)
-        facets[:, 1:] = facets[:, :0:-1].copy()  # outwards → inwards
-        edges = points[facets[:, 1:]] - points[facets[:, :1]]
-        normals = np.cross(edges[:, 0], edges[:, 1]) if len(facets[0]) == 3 else edges[:, 0, ::-1] * [-1.0, 1.0]
-        axes, moving = np.abs(normals).argmax(axis=1), np.asarray(boundary.moving[facets].any(axis=1))
-        back = np.take_along_axis(normals, axes[:, None], axis=1)[:, 0] < 0.0
+        outwards = as_simplices(of_one_width(boundary.nodes))
+        areas = area_vectors(points, widened(outwards, max(2, 4 * (points.shape[1] - 2))))
+        facets = np.concatenate([outwards[:, :1], outwards[:, :0:-1]], axis=1).astype(np.int32)  # inwards
+        axes, moving = np.abs(areas).argmax(axis=1), np.asarray(boundary.moving[facets].any(axis=1))
+        back = np.take_along_axis(areas, axes[:, None], axis=1)[:, 0] < 0.0
         kinds = 6 * moving + 2 * axes + back
         order = np.lexsort((morton_codes(points[facets].mean(axis=1)), kinds))
         _, firsts, counts = np.unique(kinds[order], return_index=True, return_counts=True)

@@ -131,7 +131,7 @@ class PreparedMesh:
         found = headroom(
             points, before, self.cells, self.reference_sizes, metric, threshold, worst, self.cells_at_moving, resisting
         )
-        contact = self.contact if self.method.correction == "smooth" and 0.0 < found.inversion < _SOON else None
+        contact = self.contact if self.smooth is not None and 0.0 < found.inversion < _SOON else None
         if contact is None:
             return found
         return replace(found, inversion=max(found.inversion, contact.steps(points, before, HORIZON)))
