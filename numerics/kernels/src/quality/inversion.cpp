@@ -239,11 +239,15 @@ Lowest first_of(const Inversions& cells, Vector<const Index> near, double horizo
     double reach = width < least_group || 2 * rough > early ? unlike : least_reach;
     std::vector<char> seen(groups);
     Lowest first(count);
-    while (reach < unlike) {
+    for (Index most = 32; reach < unlike; most *= 4) {
         std::vector<Index> todo;
         for (Index g = 0; g < groups; ++g)
             if (!seen[g] && least[g] <= reach * limit) todo.push_back(g);
         if (todo.empty()) return first;  // it has all samples up to the limit
+        if (most < static_cast<Index>(todo.size())) {  // the earliest ones lower the limit, and fewer others are left
+            std::nth_element(todo.begin(), todo.begin() + most, todo.end(), by_least);
+            todo.resize(most);
+        }
         first.add(looked_at(cells, width, todo, limit, count, found));
         for (Index g : todo) seen[g] = 1;
         lower_limit(first.in_order().first);
