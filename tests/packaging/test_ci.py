@@ -9,10 +9,11 @@ from pathlib import Path
 import pytest
 from bare_environment import ROOT
 
-PARTS = ["system", "kratos", "lint", "tests", "prove", "wheel", "bare", "docs"]
+PARTS = ["system", "kratos", "lint", "tests", "long_tests", "prove", "wheel", "bare", "docs"]
 OF_THE_KERNELS = ["c_library", "fuzzed_arguments", "repeated_calls"]
 STUDIES = ["studies"]
 OF_THE_DISTRIBUTIONS = ["distributions", "extras", "release"]
+LONG = [*OF_THE_KERNELS, *STUDIES, *OF_THE_DISTRIBUTIONS]
 WORKFLOWS = sorted((ROOT / ".github" / "workflows").glob("*.yml"))
 STUBS = ("adapters/kratos/environment.sh", "adapters/openfoam/Allwmake", "tools/without_compiler.sh", ".venv/bin/pip",
          ".venv/bin/python", "bin/make", "bin/apt-get")  # fmt: skip
@@ -66,27 +67,36 @@ def test_long_parts_are_left_out_where_their_files_are_those_of_main(checkout: P
 
 
 @pytest.mark.parametrize(
-    ("changed", "left_out"),
+    ("changed", "run"),
     [
-        ("page.md", [*OF_THE_KERNELS, *OF_THE_DISTRIBUTIONS, *STUDIES]),
-        ("pyproject.toml", [*OF_THE_KERNELS, *STUDIES]),
-        ("numerics/numerics.py", ["fuzzed_arguments", "repeated_calls", *OF_THE_DISTRIBUTIONS]),
-        ("numerics/kernels/loop.hpp", []),
-        (".ci/new", []),
+        ("page.md", []),
+        ("pyproject.toml", OF_THE_DISTRIBUTIONS),
+        ("numerics/numerics.py", ["c_library", *STUDIES]),
+        ("numerics/kernels/loop.hpp", LONG),
+        (".ci/new", LONG),
     ],
 )
 def test_tests_of_minutes_are_left_out_where_their_files_are_those_of_main(
-    checkout: Path, changed: str, left_out: list[str]
+    checkout: Path, changed: str, run: list[str]
 ) -> None:
     (checkout / "bin" / "make").write_text('#!/bin/sh\n[ "$1" != test-all ] || echo "$PYTEST_ADDOPTS" >> options\n')
     change(checkout, changed)
     parts_run(checkout)
-    parts_run(checkout, "tests")
-    options, named = (checkout / "options").read_text().splitlines()
-    files = sorted(re.findall(r"--ignore=(\S+)", options))
-    assert sorted(re.findall(r"test_(\w+)\.py", options)) == sorted(left_out)
-    assert all((ROOT / name).is_file() for name in files)
-    assert not named
+    parts_run(checkout, "long_tests")
+    others, *chosen, named = (checkout / "options").read_text().splitlines()
+    ignored = re.findall(r"--ignore=(\S+)", others)
+    assert all((ROOT / name).is_file() for name in ignored)
+    assert sorted(Path(name).stem for name in ignored) == sorted(f"test_{name}" for name in LONG)
+    assert sorted(named.split()) == sorted(ignored)
+    assert sorted(Path(name).stem for name in " ".join(chosen).split()) == sorted(f"test_{name}" for name in run)
+
+
+def test_a_slow_machine_leaves_them_out_and_says_so(checkout: Path) -> None:
+    change(checkout, "numerics/kernels/loop.hpp")
+    (checkout / "bin" / "make").write_text('#!/bin/sh\n[ "$1" != test-all ] || exit 3\n')
+    assert parts_run(checkout, "long_tests", SECONDS="3100") == ["long_tests", "end"]
+    with pytest.raises(subprocess.CalledProcessError):
+        parts_run(checkout, "long_tests", SECONDS="2800")
 
 
 @pytest.mark.parametrize("environment", [{}, {"CI_BASE": "main"}])
