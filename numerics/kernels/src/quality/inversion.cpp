@@ -72,7 +72,8 @@ void until_inverted(Matrix<const double> points, Matrix<const double> start, Mat
 /// Steps (m,) before which no corner of the cells inverts; rotations do not count.
 ///
 /// With J = V E⁻¹ and its symmetric part S, (1 + s J) x = 0 gives s x·S x = −x·x. So 1/s is at most minus the least
-/// eigenvalue of S, which is at least tr S / d − √(1 − 1/d) |S − tr S / d|.
+/// eigenvalue of S, which is at least tr S / d − √(1 − 1/d) |D| with D = S − tr S / d. In the plane both are equal; in
+/// space Newton's steps for the characteristic polynomial x³ − |D|²/2 x − det D come closer and never pass a root.
 template <class Type>
 void safe_steps(Matrix<const double> points, Matrix<const double> start, Matrix<const Node> nodes, double* steps) {
     std::fill_n(steps, nodes.shape(0), never);
@@ -85,7 +86,7 @@ void safe_steps(Matrix<const double> points, Matrix<const double> start, Matrix<
                 else if constexpr (d == 2) return i == k ? edge(i + 1, k + 1) : -edge(i + 1, k + 1);
                 else return edge(i + 1, k + 1) * edge(i + 2, k + 2) - edge(i + 1, k + 2) * edge(i + 2, k + 1);
             };
-            double det = 0.0, j[d][d] = {}, trace = 0.0, square = 0.0;
+            double det = 0.0, j[d][d] = {}, part[d][d], trace = 0.0, square = 0.0;
             for (int k = 0; k < d; ++k) det += edge(0, k) * cofactor(0, k);
             const double unit = 1.0 / (det > 0.0 ? det : 1.0);  // avoids a division by zero, which ends OpenFOAM
             for (int a = 0; a < d; ++a)
@@ -95,10 +96,22 @@ void safe_steps(Matrix<const double> points, Matrix<const double> start, Matrix<
             for (int a = 0; a < d; ++a) trace += j[a][a] / d;
             for (int a = 0; a < d; ++a)
                 for (int b = 0; b < d; ++b) {
-                    const double part = 0.5 * (j[a][b] + j[b][a]) - (a == b ? trace : 0.0);
-                    square += part * part;
+                    part[a][b] = 0.5 * (j[a][b] + j[b][a]) - (a == b ? trace : 0.0);
+                    square += part[a][b] * part[a][b];
                 }
-            const double fastest = std::sqrt((1.0 - 1.0 / d) * square) - trace;
+            double fastest = std::sqrt((1.0 - 1.0 / d) * square);  // −x
+            if constexpr (d == 3) {
+                double product = 0.0;
+                for (int k = 0; k < d; ++k) {
+                    const int l = (k + 1) % d, m = (k + 2) % d;
+                    product += part[0][k] * (part[1][l] * part[2][m] - part[1][m] * part[2][l]);
+                }
+                for (int step = 0; step < 2; ++step) {
+                    const double x = fastest, slope = 3.0 * x * x - 0.5 * square;
+                    fastest -= (x * x * x - 0.5 * square * x + product) / (slope > 0.0 ? slope : 1.0);
+                }
+            }
+            fastest -= trace;
             double& least = steps[first + s];
             least = det > 0.0 ? std::min(least, fastest > 0.0 ? 1.0 / fastest : never) : 0.0;
         }
