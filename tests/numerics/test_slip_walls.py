@@ -51,9 +51,8 @@ def moved_body(
 
 
 def tank(tilt: float) -> tuple[MotionModel, np.ndarray]:
-    x, y = np.meshgrid(np.linspace(0.0, 1.0, 31), np.linspace(0.0, 0.5, 16))
-    points, number = np.column_stack([x.ravel(), y.ravel()]), np.arange(x.size).reshape(x.shape)
-    quads = np.stack([number[:-1, :-1], number[:-1, 1:], number[1:, 1:], number[1:, :-1]], axis=-1).reshape(-1, 4)
+    points, quads = tensor_grid(np.linspace(0.0, 1.0, 31), np.linspace(0.0, 0.5, 16))
+    number = np.arange(len(points)).reshape(31, 16).T
     sides = {"left": number[:, 0], "right": number[:, -1], "bottom": number[0]}
     patches = {"surface": Patch("moving", number[-1])} | {name: Patch("slip", side) for name, side in sides.items()}
     model = MotionModel.build(points, CellTable.from_arrays({"quad": quads}), patches, Method(**PLAIN))
