@@ -117,16 +117,14 @@ def nastran(path: Path, form: str) -> None:
     )
 
 
-def _small(name: str, *fields: object) -> str:
-    words = [f"{_short(field):<8}" for field in fields]
-    lines = ["".join(words[k : k + 8]) for k in range(0, len(words), 8)]
-    return f"{name:<8}" + "\n+       ".join(lines) + "\n"
+def _small(name: str, *fields: object, width: int = 8, mark: str = "+") -> str:
+    words, many = [f"{_short(field):<{width}}" for field in fields], 64 // width
+    lines = ["".join(words[k : k + many]) for k in range(0, len(words), many)]
+    return f"{name:<8}" + f"\n{mark:<8}".join(lines) + "\n"
 
 
 def _large(name: str, *fields: object) -> str:
-    words = [f"{_short(field):<16}" for field in fields]
-    lines = ["".join(words[k : k + 4]) for k in range(0, len(words), 4)]
-    return f"{name + '*':<8}" + "\n*       ".join(lines) + "\n"
+    return _small(f"{name}*", *fields, width=16, mark="*")
 
 
 def _free(name: str, *fields: object) -> str:
