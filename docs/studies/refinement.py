@@ -14,7 +14,7 @@ from docs.studies.moved_bodies import StoredMesh
 
 __all__ = ["refined"]
 
-Indices = NDArray[np.int64]
+Indices = NDArray[np.integer]
 
 #: Children by corners 0 … d and then the edges' middles in the order of ``combinations``; eight tetrahedra by the
 #: octahedron's diagonal between the middles of the edges 02 and 13.
