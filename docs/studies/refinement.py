@@ -14,7 +14,7 @@ from docs.studies.moved_bodies import StoredMesh
 
 __all__ = ["refined"]
 
-Indices = NDArray[np.integer]
+Indices = NDArray[np.int64]
 
 #: Children by corners 0 … d and then the edges' middles in the order of ``combinations``; eight tetrahedra by the
 #: octahedron's diagonal between the middles of the edges 02 and 13.
@@ -42,7 +42,7 @@ def refined(mesh: StoredMesh, times: int = 1) -> StoredMesh:
 
 def _once(mesh: StoredMesh) -> StoredMesh:
     """One refinement; the midpoint of a boundary edge is on every patch that has both ends of the edge."""
-    cells, d = mesh.cells.blocks[0].nodes, mesh.points.shape[1]
+    cells, d = mesh.cells.blocks[0].nodes.astype(np.int64), mesh.points.shape[1]  # keys of edges exceed 2³¹
     pairs = np.array(list(combinations(range(d + 1), 2)))
     edges = np.sort(cells[:, pairs].reshape(-1, 2), axis=1)
     unique, numbers = np.unique(edges, axis=0, return_inverse=True)

@@ -222,7 +222,7 @@ def _corner_edges(nodes: NDArray[np.int32], cell_type: CellType) -> tuple[Ints, 
     corners = cell_type.corner_array
     start = np.repeat(nodes[:, corners[:, 0], None], cell_type.dimension, axis=2)
     end = nodes[:, corners[:, 1:]]
-    low, high = np.minimum(start, end).ravel(), np.maximum(start, end).ravel()
+    low, high = np.minimum(start, end).ravel().astype(np.int64), np.maximum(start, end).ravel()  # keys exceed 2³¹
     n = int(high.max()) + 1
     keys, places = np.unique(low * n + high, return_inverse=True)
     sign = np.where(start < end, 1, -1)
