@@ -295,7 +295,7 @@ class SessionStore:
         Raises ResourceExhausted: RESOURCE_EXHAUSTED.DISK if the disk refuses it; the session is then unchanged.
         """
         path = self._path(session)
-        # rename first: a session that a crash has deleted in part is no session
+        # rename first: a session that a crash has deleted in part is not a session
         away = path.with_name(f"{session}.discarded")
         try:
             self._require_same_root()

@@ -94,7 +94,7 @@ def test_ugrid_files_that_do_not_fit(tmp_path: Path, old: str, new: str, message
 def test_ugrid_that_is_cut_off(tmp_path: Path) -> None:
     ugrid_binary(tmp_path / "m.lb8.ugrid")
     (tmp_path / "m.lb8.ugrid").write_bytes((tmp_path / "m.lb8.ugrid").read_bytes()[:-4])
-    one_line(tmp_path / "m.lb8.ugrid", "no byte order and precision fits its size: it is no such file, or cut off")
+    one_line(tmp_path / "m.lb8.ugrid", "no byte order and precision fits its size: it is not such a file, or cut off")
 
 
 # Nastran
@@ -405,7 +405,7 @@ def test_plot3d_files_that_do_not_fit(tmp_path: Path) -> None:
 def test_plot3d_around_an_axis(
     tmp_path: Path, turns: float, axes: int, cells: dict[str, int], patches: dict[str, int]
 ) -> None:
-    """The side imin of half a cylinder, a whole one or half a disc has no area: it is no patch."""
+    """The side imin of half a cylinder, a whole one or half a disc has no area: it is not a patch."""
     angle = np.linspace(0.0, 2.0 * np.pi * turns, 5)[: 4 if turns == 1.0 else 5]
     angle = np.append(angle, angle[:1])[:5]
     radius, height = np.arange(3.0), np.arange(3.0) if axes == 3 else np.zeros(1)

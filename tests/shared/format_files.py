@@ -208,7 +208,7 @@ def exodus_hdf5(path: Path) -> None:
 
 
 def abaqus(path: Path) -> None:
-    """An input of CalculiX: a surface by sides, a set of nodes, a set of faces; the set of all nodes is no patch."""
+    """An input of CalculiX: a surface by sides, a set of nodes, a set of faces; the set of all nodes is not a patch."""
     numbers = {frozenset(corners): side for side, corners in enumerate(ABAQUS.corners["hexahedron"], start=1)}
     wall = ""
     for face in FACES:

@@ -44,7 +44,7 @@ BOUNDS = {
     "noise": (0.0, 10.0),
     "resumed": (0.0, 0.0),
 }
-#: Interpolation alone: a layer that is kept where it does no harm is no smooth function of the boundary.
+#: Interpolation alone: a layer that is kept where it does no harm is not a smooth function of the boundary.
 PLAIN = {"displacement": "absolute", "correction": "none", "allow_invalid": True}
 DEFAULT: dict[str, Any] = {"quality_metric": "relative-size-skew"}  # a stored mesh names another metric
 _NOISE, _RANKS = 1e-8, 2
