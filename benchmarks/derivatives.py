@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 import sys
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -92,7 +93,7 @@ def _cost(
     steps = []
     for part in range(parts):
         targets = task.targets(part)
-        step, motion = timed(lambda p=points, t=targets: model.move(p, t, factors))
+        step, motion = timed(partial(model.move, points, targets, factors))
         steps.append(step)
         before, points = points, motion.points
         if motion.correction.freed_nodes if freeing else part + 1 == repeat:

@@ -13,6 +13,7 @@ import subprocess
 import sys
 import tempfile
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -65,7 +66,7 @@ def _of_server(task: Task, weights: Floats, repeat: int) -> tuple[Seconds, Secon
     """The shortest time of a step and of Jᵀ w (preparation included), and the gradient (k, 3) after the last step."""
     model, factors, points, steps = model_of(task, Method()), FactorCache(_CACHE_BYTES), task.points, []
     for step in range(task.steps):
-        seconds, motion = timed(lambda p=points, s=step: model.move(p, task.targets(s), factors))
+        seconds, motion = timed(partial(model.move, points, task.targets(step), factors))
         points = motion.points
         steps.append(seconds)
     vectors = [timed(lambda: model.slope(points, factors).cotangent(weights)) for _ in range(repeat)]

@@ -91,7 +91,7 @@ def measure(folder: Path, side: int, browsers: int, pairs: int) -> dict[str, flo
         asked = http.client.HTTPConnection(address)
         asked.request("GET", "/api/sessions")
         (listed,) = json.load(asked.getresponse())["sessions"]
-        ratios, seen, unseen, shares, idle = [], [], [], [], []
+        ratios, seen, unseen, shares, idle = (list[float]() for _ in range(5))
         for _ in range(pairs):
             for look in (True, False):
                 lookers = [_Browser(address, listed["session"]) for _ in range(browsers if look else 0)]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-__all__ = ["README", "fill_block"]
+__all__ = ["README", "fill_block", "seconds_shown"]
 
 README = Path(__file__).parent / "README.md"
 
@@ -23,3 +23,8 @@ def fill_block(name: str, text: str, page: Path = README) -> None:
     if not block.search(before):
         raise ValueError(f"{page.name}: expected a line '<!-- benchmark: {name} -->' and then '<!-- end -->'")
     page.write_text(block.sub(lambda m: m[1] + text + m[2], before), encoding="utf-8")
+
+
+def seconds_shown(value: float) -> str:
+    """Two significant digits without an exponent."""
+    return f"{value:.0f}" if value >= 10 else f"{value:.2g}"

@@ -17,6 +17,7 @@ import time
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from mesh_motion_client import Mesh, Patch, connect
@@ -113,7 +114,7 @@ def _given(mesh: BenchmarkMesh) -> Mesh:
 
 def _case(mesh: BenchmarkMesh, folder: Path) -> Path:
     """The case file."""
-    cells = {f"cells_{kind}": np.asarray(nodes, dtype=np.int64) for kind, nodes in mesh.cells.items()}
+    cells: dict[str, Any] = {f"cells_{kind}": np.asarray(nodes, dtype=np.int64) for kind, nodes in mesh.cells.items()}
     np.savez(folder / "mesh.npz", points=mesh.points, patch_body=mesh.moving, patch_box=mesh.fixed, **cells)
     path = folder / "case.toml"
     path.write_text(_CASE, encoding="utf-8")

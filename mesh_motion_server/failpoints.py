@@ -30,7 +30,7 @@ def failpoint(name: str) -> None:
 def activate(environment: Mapping[str, str] = os.environ) -> Path | None:
     """Take the folder that the environment names, if any; called first in each process of the server.
 
-    Raises InvalidInput if the folder is not a folder of this user, its plan is invalid, or this is no checkout.
+    Raises InvalidInput if the folder is not a folder of this user, its plan is invalid, or this is not a checkout.
     """
     named = environment.get(VARIABLE)
     if not named:

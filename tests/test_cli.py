@@ -82,7 +82,7 @@ def test_a_place_that_cannot_be_written_is_reported_before_the_work(
     (tmp_path / "taken").write_text("a file")
     status, out, error = run(*arguments)
     assert (status, out, error.count("\n")) == (2, "", 1)
-    assert "there is no folder" in error or "taken is no folder" in error
+    assert "there is no folder" in error or "taken is not a folder" in error
     assert [path.name for path in tmp_path.iterdir()] == ["taken"]
 
 

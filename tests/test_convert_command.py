@@ -70,7 +70,7 @@ def test_partitions_in_a_folder_and_one_of_them_as_a_mesh(tmp_path: Path) -> Non
     assert status
     assert not (tmp_path / "many").exists()
     (tmp_path / "file").touch()
-    assert "is no folder" in convert(tmp_path, EXAMPLE, "file", "--partitions", 2)[2]
+    assert "is not a folder" in convert(tmp_path, EXAMPLE, "file", "--partitions", 2)[2]
     assert (
         "'--partitions': Input should be greater than or equal to 1"
         in convert(tmp_path, EXAMPLE, "none", "--partitions", 0)[2]

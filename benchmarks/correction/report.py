@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 from benchmarks.correction.cases import CASES
 from benchmarks.correction.cost import Cost
+from benchmarks.page import seconds_shown
 
 __all__ = ["table"]
 
@@ -27,11 +28,7 @@ def _row(name: str, cost: Cost) -> str:
     allowed = "" if case.seconds is None else f"{case.seconds:g}"
     return (
         f"| {case.mesh} {case.motion} | {cost.nodes} | {case.asked} | {cost.standard:.3f} | {cost.minimum:.3f} "
-        f"| {cost.freed} | {cost.iterations} | {_seconds(cost.seconds)} | {_seconds(cost.cpu_seconds)} | {allowed} "
-        f"| {cost.cpu_seconds / cost.limit_cpu_seconds:.1f} | {cost.peak_bytes / 1e6:.0f} |\n"
+        f"| {cost.freed} | {cost.iterations} | {seconds_shown(cost.seconds)} "
+        f"| {seconds_shown(cost.cpu_seconds)} | {allowed} | {cost.cpu_seconds / cost.limit_cpu_seconds:.1f} "
+        f"| {cost.peak_bytes / 1e6:.0f} |\n"
     )
-
-
-def _seconds(value: float) -> str:
-    """Two significant digits without an exponent."""
-    return f"{value:.0f}" if value >= 10 else f"{value:.2g}"

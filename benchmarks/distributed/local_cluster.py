@@ -30,7 +30,7 @@ _SETTINGS = {"distributed.nanny.pre-spawn-environ": _ENVIRONMENT, "distributed.n
 def local_cluster(count: int) -> Iterator[Any]:
     """A cluster with ``count`` workers of one thread; Dask's messages about killed workers are suppressed."""
     with dask.config.set(_SETTINGS):
-        cluster = LocalCluster(
+        cluster = LocalCluster(  # type: ignore[no-untyped-call]
             n_workers=count,
             threads_per_worker=1,
             host="127.0.0.1",

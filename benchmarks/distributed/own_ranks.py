@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from mesh_motion_client import Mesh, connect
+from mesh_motion_client import Credentials, Mesh, connect
 from mesh_motion_client.dask_ranks import open_on_workers
 
 from benchmarks.distributed.use import BYTES, count_bytes, peak_memory, spent
@@ -57,9 +57,14 @@ def _rank(endpoint: str, file: Path, rank: int, ranks: int, evaluation: str, thr
     with connect(endpoint) as server:
         began = time.perf_counter()
         if rank == 0:
-            announce = lambda credentials: [line.put(credentials) for line in lines[1:ranks]]  # noqa: E731
-            options = {"partitions": ranks, "evaluation": evaluation, "announce": announce}
-            session = server.open(mesh, _settings(threshold), **options)
+
+            def announce(credentials: Credentials) -> None:
+                for line in lines[1:ranks]:
+                    line.put(credentials)
+
+            session = server.open(
+                mesh, _settings(threshold), partitions=ranks, evaluation=evaluation, announce=announce
+            )
         else:
             session = server.join(lines[rank].get(), mesh, partition=rank)
         opened, steps, work, used = time.perf_counter() - began, [], [], []
@@ -104,7 +109,7 @@ def _on_workers(files: Sequence[Path], threshold: float) -> list[dict[str, float
     with (
         connect(server_options=["--threads", "1"]) as server,
         local_cluster(len(files)) as started,
-        Client(started) as cluster,
+        Client(started) as cluster,  # type: ignore[no-untyped-call]
     ):
         cluster.wait_for_workers(len(files))
         cluster.run(count_bytes)
@@ -148,7 +153,7 @@ def measured(mesh: MeshFile, ranks: int, volume: str, threshold: float = 0.0) ->
 def load(name: str, folder: Path) -> MeshFile:
     """A benchmark mesh; built if necessary."""
     stored = load_or_build(name, folder)
-    cells = {kind: np.asarray(nodes, dtype=np.int64) for kind, nodes in stored.cells.items()}
+    cells = {kind: nodes.astype(np.int64) for kind, nodes in stored.cells.items()}
     patches = {"body": np.unique(stored.moving), "box": np.unique(stored.fixed)}
     return MeshFile(stored.points, cells, patches, Path(name))
 

@@ -18,8 +18,8 @@ BYTES: Counter[str] = Counter()
 
 def count_bytes() -> None:
     """Count bytes that this process sends and receives from now on, with all arrays as frames, as between machines."""
-    client.SUPPORTED = False
-    encode, decode = connection.encode, connection.decode
+    client.SUPPORTED = False  # type: ignore[attr-defined]
+    encode, decode = connection.encode, connection.decode  # type: ignore[attr-defined]
 
     def counted_encode(message: Any) -> Any:
         frames = encode(message)
@@ -31,7 +31,7 @@ def count_bytes() -> None:
         BYTES["received"] += sum(memoryview(frame).nbytes for frame in frames)
         return decode(frames, **options)
 
-    connection.encode, connection.decode = counted_encode, counted_decode  # type: ignore[attr-defined]
+    connection.encode, connection.decode = counted_encode, counted_decode  # type: ignore[assignment,attr-defined]
 
 
 def spent() -> dict[str, float]:
@@ -42,5 +42,6 @@ def spent() -> dict[str, float]:
 async def peak_memory() -> int:
     """The peak memory of the session, asked from the rank on this worker."""
     (rank,) = dask_worker._RANKS.values()
+    assert rank.session is not None
     report = await asyncio.get_running_loop().run_in_executor(rank.thread, rank.session.status)
     return int(report.report["peak_memory_bytes"])

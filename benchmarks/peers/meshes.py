@@ -11,7 +11,7 @@ S3 the spacing varies by a factor of 30.
 from __future__ import annotations
 
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -25,7 +25,7 @@ from benchmarks.peers.refinement import refined_tetrahedra
 __all__ = ["MESHES", "BenchmarkMesh", "load_or_build"]
 
 Floats = NDArray[np.float64]
-Ints = NDArray[np.integer]
+Ints = NDArray[np.int64]
 
 #: Gmsh's element number, nodes and our name.
 _GMSH_TYPES = {2: (3, "triangle"), 4: (4, "tetra")}
@@ -52,7 +52,7 @@ class BenchmarkMesh:
     """
 
     points: Floats
-    cells: dict[str, Ints]
+    cells: Mapping[str, NDArray[np.integer]]
     moving: Ints
     fixed: Ints
 
@@ -212,7 +212,7 @@ def _mesh_of_model(dimension: int, body: Box) -> BenchmarkMesh:
     return _renumbered(points, cells, body)
 
 
-def _renumbered(points: Floats, cells: dict[str, Ints], body: Box) -> BenchmarkMesh:
+def _renumbered(points: Floats, cells: Mapping[str, NDArray[np.integer]], body: Box) -> BenchmarkMesh:
     """Renumber: used nodes along a Z-order curve, cells by their smallest node, patches by coordinates."""
     named = np.zeros(len(points), dtype=bool)
     for nodes in cells.values():

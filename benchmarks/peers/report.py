@@ -6,6 +6,7 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
+from benchmarks.page import seconds_shown
 from benchmarks.peers.comparison import Outcome, name_in_words
 from benchmarks.peers.picture import write_picture
 from benchmarks.peers.systems import SYSTEMS
@@ -48,12 +49,7 @@ def _row(outcome: Outcome) -> str:
         inverted += f" (worst step {verdict.most_inverted})"
     memory = cost.peak_bytes / 1e6
     return (
-        f"| {label} | {cost.setup_seconds:.2g} | {_seconds(cost.step)} | {_seconds(cost.step_cpu)} | {memory:.0f} "
-        f"| {verdict.min_shape:.3f} | {verdict.min_size_skew:.3f} | {verdict.near_wall:.3f} "
+        f"| {label} | {cost.setup_seconds:.2g} | {seconds_shown(cost.step)} | {seconds_shown(cost.step_cpu)} "
+        f"| {memory:.0f} | {verdict.min_shape:.3f} | {verdict.min_size_skew:.3f} | {verdict.near_wall:.3f} "
         f"| {verdict.mean_size_skew:.3f} | {inverted} |\n"
     )
-
-
-def _seconds(value: float) -> str:
-    """Two significant digits without an exponent."""
-    return f"{value:.0f}" if value >= 10 else f"{value:.2g}"

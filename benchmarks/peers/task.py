@@ -5,6 +5,7 @@ Needs numpy only, because the workers of other systems import it in their own en
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 __all__ = ["Task", "step_file"]
 
 Floats = NDArray[np.float64]
-Ints = NDArray[np.integer]
+Ints = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +36,7 @@ class Task:
     """
 
     points: Floats
-    cells: dict[str, Ints]
+    cells: Mapping[str, NDArray[np.integer]]
     moving: Ints
     fixed: Ints
     displacements: Floats

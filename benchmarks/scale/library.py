@@ -10,6 +10,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
 from unittest.mock import patch
 
@@ -113,10 +114,10 @@ def measured(case: Case, folder: Path, repeat: int) -> Figures:
     for step in range(repeat):
         start, targets, factors = committed, task.targets(step), FactorCache(_CACHE_BYTES)
         nearly = start[task.moving] + FIRST_SHARE * (targets - start[task.moving])
-        steps.append(timed(lambda p=start, t=nearly, f=factors: model.move(p, t, f))[0])
-        seconds, motion = timed(lambda p=start, t=targets, f=factors: model.move(p, t, f))
+        steps.append(timed(partial(model.move, start, nearly, factors))[0])
+        seconds, motion = timed(partial(model.move, start, targets, factors))
         iterations.append(seconds)
-        briefs.append(timed(lambda p=start, t=targets, f=factors: model.without_distributions().move(p, t, f))[0])
+        briefs.append(timed(partial(model.without_distributions().move, start, targets, factors))[0])
         corrected = corrected or motion.points is not motion.correction.points or motion.corrected != motion.standard
         committed = motion.points if case.kind == "steady" else committed
         reached = motion.points

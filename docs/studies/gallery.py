@@ -89,8 +89,8 @@ def _frames(played: dict[str, Path], steps: int) -> Iterator[Any]:
         for axes, (name, pairs) in zip(figure.subplots(rows, columns, squeeze=False).flat, series.items(), strict=True):
             _draw_step(axes, name, pairs[step], plane, window)
         canvas = FigureCanvasAgg(figure)
-        canvas.draw()
-        yield Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
+        canvas.draw()  # type: ignore[no-untyped-call]
+        yield Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")  # type: ignore[no-untyped-call]
 
 
 def _motion(pair: MeshPair) -> float:

@@ -42,7 +42,7 @@ def refined(mesh: StoredMesh, times: int = 1) -> StoredMesh:
 
 def _once(mesh: StoredMesh) -> StoredMesh:
     """One refinement; the midpoint of a boundary edge is on every patch that has both ends of the edge."""
-    cells, d = mesh.cells.blocks[0].nodes, mesh.points.shape[1]
+    cells, d = mesh.cells.blocks[0].nodes.astype(np.int64), mesh.points.shape[1]  # keys of edges exceed 2³¹
     pairs = np.array(list(combinations(range(d + 1), 2)))
     edges = np.sort(cells[:, pairs].reshape(-1, 2), axis=1)
     unique, numbers = np.unique(edges, axis=0, return_inverse=True)

@@ -14,7 +14,7 @@ from typing import Any
 
 __all__ = ["Outcome", "Picture", "Study", "Table"]
 
-Cell = str | int | float | None
+Cell = Any  # str, int, float or None: claims compute with a column's cells, and know which kind it has
 
 
 @dataclass(frozen=True)

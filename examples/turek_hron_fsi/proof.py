@@ -89,7 +89,7 @@ def figures(t: Array, values: Array, period: float) -> Figure:
 def frequency(t: Array, values: Array, span: float) -> float:
     """Frequency from the first to the last rise through a third of the amplitude, within ``span`` s; nan without rises.
 
-    Two rises count only with a fall through minus a third between them, because noise of the residual is no period.
+    Two rises count only with a fall through minus a third between them, because noise of the residual is not a period.
     """
     late = t > t[-1] - span
     t, values = t[late], values[late]

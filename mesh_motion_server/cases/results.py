@@ -104,7 +104,7 @@ class Results:
         self._series.write(float(step), self.points, self.cells, point_data=nodes, cell_data=quality)
 
     def write(self, folder: Path, summary: Mapping[str, Any], title: str, last: str = "") -> None:
-        """Write summary.json, steps.csv and quality.png; ``last``: the picture's mesh, if it is no committed step."""
+        """Write summary.json, steps.csv and quality.png; ``last``: the picture's mesh if it is not a committed step."""
         write_summary(folder, dict(summary))
         write_steps(folder, self.records)
         if not pictures_are_possible():

@@ -180,7 +180,7 @@ def _place(point: Sequence[float | None]) -> str:
 
 
 def _value(value: float | None) -> str:
-    return "that is no number" if value is None else f"{value:.4f}"
+    return "that is not a number" if value is None else f"{value:.4f}"
 
 
 def _seconds(value: float) -> str:

@@ -48,7 +48,7 @@ FORMATS: tuple[Format, ...] = (
     _named("a file in HDF5", (), rb"\A\x89HDF", "give it the ending of its program: .cgns, .med, .exo, …"),
     _named("a pointer of Git LFS", (), rb"\Aversion https://git-lfs", "the file itself is missing: git lfs pull"),
     _named(
-        "a page of the web", (), rb"(?i)\A\s*<(!doctype\s+)?html\b", "the download is no mesh: open it in an editor"
+        "a page of the web", (), rb"(?i)\A\s*<(!doctype\s+)?html\b", "the download is not a mesh: open it in an editor"
     ),
     _named("a text with a byte order mark", (), rb"\A(\xef\xbb\xbf(?!\s*<)|\xff\xfe|\xfe\xff)", "save it without"),
     NPZ,

@@ -98,7 +98,7 @@ def move_rows(lines: list[bytes], first: int, points: Floats, *, column: int = 0
         The numbers ``column`` to ``column + d - 1`` of the rows, counted from 0. Other numbers of a row are not
         changed.
     comment : bytes
-        Lines that begin so are no rows; nor are blank ones.
+        Lines that begin so are not rows; nor are blank ones.
     """
     place = first
     for node, values in enumerate(points.tolist()):

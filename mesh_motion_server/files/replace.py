@@ -29,7 +29,7 @@ def require_folder_place(path: Path) -> None:
     while not os.path.lexists(place):
         place = place.parent
     if not place.is_dir():
-        raise InvalidInput(f"{path}: {place} is no folder", hint="name another one")
+        raise InvalidInput(f"{path}: {place} is not a folder", hint="name another one")
     _require_writable(path, place)
 
 

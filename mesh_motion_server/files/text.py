@@ -19,17 +19,17 @@ def text_of(data: bytes) -> str:
 
 
 def integer(word: str | bytes, base: int = 10) -> int:
-    """A word of a file as an integer. Raises ValueError if it is no integer, for example ``1_000`` or ``١٢``."""
+    """A word of a file as an integer. Raises ValueError if it is not an integer, for example ``1_000`` or ``١٢``."""
     return int(_plain(word), base)
 
 
 def real(word: str | bytes) -> float:
-    """A word of a file as a number. Raises ValueError if it is no number, for example ``1_0.5``."""
+    """A word of a file as a number. Raises ValueError if it is not a number, for example ``1_0.5``."""
     return float(_plain(word))
 
 
 def number_array(words: Sequence[str] | Sequence[bytes], dtype: DTypeLike) -> NDArray[Any]:
-    """Words of a file as numbers (n,). Raises ValueError if a word is no number."""
+    """Words of a file as numbers (n,). Raises ValueError if a word is not a number."""
     whole = b"".join(words) if words and isinstance(words[0], bytes) else "".join(words)  # type: ignore[arg-type]
     if not _is_plain(whole):
         for word in words:
@@ -40,7 +40,7 @@ def number_array(words: Sequence[str] | Sequence[bytes], dtype: DTypeLike) -> ND
 def _plain(word: str | bytes) -> str | bytes:
     """A word without what Python reads in numbers and no file format has: underscores, and digits of other scripts."""
     if not _is_plain(word):
-        raise ValueError(f"{word.decode(errors='replace') if isinstance(word, bytes) else word!r} is no number")
+        raise ValueError(f"{word.decode(errors='replace') if isinstance(word, bytes) else word!r} is not a number")
     return word
 
 

@@ -21,6 +21,7 @@ from mesh_motion_protocol.errors import ResourceExhausted, SessionError
 from mesh_motion_protocol.messages import Close, Join, Message, Ping, Pong, SessionMessage, Status
 
 from mesh_motion_server.failpoints import failpoint
+from mesh_motion_server.security.authorisation import not_found
 from mesh_motion_server.service import close, join, status
 from mesh_motion_server.service.envelope import Envelope
 from mesh_motion_server.service.execution import Execution
@@ -184,7 +185,7 @@ class SessionHost:
             The new epoch.
         """
         if not self._session.spec.admits(token):
-            raise SessionError(f"there is no session {self.session} for this token", code="NOT_FOUND")
+            raise not_found(self.session)
         epoch = self._session.resume()
         self._holders.clear()
         self._execution.forget_waiting()

@@ -27,7 +27,7 @@ class Holders:
         partition that does not exist.
         """
         spec = self._session.spec
-        if request.session != spec.session:
+        if request.session != spec.session:  # first: other answers would describe a session to a stranger
             raise not_found(request.session)
         if not 0 <= request.partition < spec.partitions:
             raise InvalidInput(
@@ -37,7 +37,7 @@ class Holders:
             )
         current = self._session.epoch
         if request.epoch != current:
-            resumed = request.epoch < current
+            resumed = request.epoch < current  # each RESUME raises the epoch, and nothing lowers it
             reason = "the session was resumed by another holder" if resumed else "the server never issued it"
             raise SessionError(
                 f"epoch {request.epoch} is not the current one: {reason}",

@@ -55,7 +55,7 @@ def run(session: Session, requests: Sequence[Move]) -> list[Moved]:
     """Compute the trial and return the displacements of each partition's nodes."""
     boundary_displacements = [np.asarray(request.displacement, dtype=np.float64) for request in requests]
     report = "faces" if any(request.report == "faces" for request in requests) else ""
-    scheme, time = requests[0].velocity, requests[0].time
+    scheme, time = requests[0].velocity, requests[0].time  # the same in all: the requests agree
     boundary = [np.asarray(one.boundary_velocity, dtype=np.float64) for one in requests if scheme == "tangent"]
     velocity = VelocityAsked(scheme, time, boundary) if scheme else None
     shortest = min((request.compute_limit_ms for request in requests if request.compute_limit_ms), default=math.inf)
@@ -188,6 +188,7 @@ def _check_swept_faces(session: Session, request: Move) -> None:
             code="INVALID_ARGUMENT.SHAPE",
             details={"partition": request.partition, "expected": d, "got": list(faces.shape)},
         )
+    # −1 fills the end of a row only, and each face has at least d nodes
     filled = np.logical_and.accumulate(faces[:, ::-1] == -1, axis=1)[:, ::-1] if d == 3 else np.zeros(faces.shape, bool)
     filled[:, :d] = False
     bad = np.argwhere(~filled & ((faces < 0) | (faces >= count)))

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 #: Longest list of warnings or patches in a reply: the header holds at most 256 items each.
 _LONGEST = 100
+_WORST = 10  # cells, as SPEC.md has it
 
 
 def summary_report(summary: Judgement, mesh: MergedMesh) -> dict[str, Any]:
@@ -43,7 +44,7 @@ def summary_report(summary: Judgement, mesh: MergedMesh) -> dict[str, Any]:
             "size_skew": float(cell.size_skew),
             "metric": float(cell.value),
         }
-        for cell in summary.worst[:10]
+        for cell in summary.worst[:_WORST]
     ]
     return report
 
@@ -54,7 +55,7 @@ def move_quality(motion: Motion, session: Session) -> dict[str, Any]:
     if motion.field is not None:
         return quality_frame(method)
     standard = summary_report(motion.standard, session.mesh)
-    unchanged = motion.corrected is motion.standard
+    unchanged = motion.corrected is motion.standard  # not corrected: one judgement, so one report
     return quality_frame(method) | {
         "standard": standard,
         "corrected": standard if unchanged else summary_report(motion.corrected, session.mesh),
@@ -89,6 +90,7 @@ def headroom_report(headroom: Headroom, mesh: MergedMesh) -> dict[str, Any]:
     """The headroom, as sent: values beyond the horizon are left out."""
     steps = {"inversion": headroom.inversion, "threshold": headroom.threshold}
     found: dict[str, Any] = {name: value for name, value in steps.items() if math.isfinite(value)}
+    # the cell is the first one that inverts: without an inversion there is none
     return found | ({"cell": _place(mesh, headroom.cell)} if "inversion" in found else {})
 
 
@@ -144,7 +146,7 @@ def shortened(warnings: list[str]) -> list[str]:
 
 def worst_places(cells: tuple[int, ...], mesh: MergedMesh) -> list[dict[str, Any]]:
     """Canonical cell numbers as partition, type and local index."""
-    return [_place(mesh, cell) for cell in cells[:10]]
+    return [_place(mesh, cell) for cell in cells[:_WORST]]
 
 
 def _place(mesh: MergedMesh, cell: int) -> dict[str, Any]:

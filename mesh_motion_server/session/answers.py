@@ -54,7 +54,7 @@ class Answers(Position):
         """
         trial = self._open_trial
         if velocity is not None and along == "velocity":
-            before = trial.points - velocity
+            before = trial.points - velocity  # the nodes a second ago, so the multiples are seconds
         else:
             before = self._committed_state.points if along == "step" else self.mesh.points
         worst = () if trial.quality is None else (cell.number for cell in trial.quality.worst)
@@ -75,7 +75,7 @@ class Answers(Position):
         """
         built, before, after = self._require_built(), self._committed_state.points, self._open_trial.points
         if faces is not None:
-            own = np.append(built.mesh.node_maps[partition], -1)
+            own = np.append(built.mesh.node_maps[partition], -1)  # a −1 that fills a row stays −1
             return swept_volumes(before, after, own[faces])
         found = []
         cells, signs = built.listed_cells
@@ -92,7 +92,7 @@ class Answers(Position):
         this kind of session, has no derivative.
         """
         self.admit(operation)
-        self._points_of(what)
+        self._points_of(what)  # raises without a trial
         refusal = self.model.why_no_slope()
         if refusal is not None:
             raise refusal
@@ -154,6 +154,7 @@ class Answers(Position):
 
     def _slope_at(self, points: Floats) -> Slope:
         """The derivative of the motion that has led to ``points`` (n, d); kept for a next call with the same points."""
+        # the same array has the same content: the points of a state never change
         if self._latest_slope is None or self._latest_slope[0] is not points:
             self._latest_slope = points, self.model.slope(points, self.factors)
         return self._latest_slope[1]

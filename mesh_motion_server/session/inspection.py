@@ -61,7 +61,7 @@ def inspect_session(folder: Path | str) -> Inspection:
     """
     path, files = Path(folder), PosixFileSystem()
     if not is_session_folder(path):
-        spec_bytes(path)  # raises if it is no session's folder
+        spec_bytes(path)  # raises if it is not a session's folder
     found, journal_check = _journal(path, files)
     spec, spec_check = _spec(path, found)
     checks = [journal_check, spec_check]

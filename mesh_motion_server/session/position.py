@@ -42,6 +42,7 @@ class Position:
     @property
     def state(self) -> State:
         """A state of the session table."""
+        # the disk may have failed in the background since the last request
         failed = self._built is not None and self._built.keeper.frozen and self._now.state in WRITING
         return State.FROZEN if failed else self._now.state
 
@@ -122,6 +123,7 @@ class Position:
         Raises SessionError: FAILED_PRECONDITION.STEP; ABORTED.STEPS_LOST if answered steps may have been lost because
         they were not durable.
         """
+        # only "relaxed" answers a COMMIT before it is durable, and only the end of a process loses such a step
         if step > self.step + 1 and self._reopened and self.spec.durability == "relaxed":
             raise SessionError(
                 f"step {self.step} is the last one that survived a restart of the session's worker, got step {step}",
@@ -154,6 +156,7 @@ class Position:
         """Raise InvalidInput unless a COMMIT with this ``time`` fits the trial and the session's time levels."""
         self.require_later(time)
         of_move = self._open_trial.time
+        # equal to the bit: the velocities of the trial were computed with the time of the MOVE
         if time is not None and of_move is not None and time != of_move:
             raise InvalidInput(
                 f"time: expected {of_move!r}, that of the step's last MOVE, got {time!r}",
@@ -180,6 +183,7 @@ class Position:
             if refusal is not None:
                 raise refusal
             return
+        # "bdf1" takes the committed state alone, which every session has
         if scheme not in ("bdf1", self.spec.time_levels):
             raise SessionError(
                 f"velocity = {scheme!r} takes earlier time levels, which this session does not store",

@@ -144,7 +144,7 @@ def check_digest(spec: bytes, expected: bytes) -> None:
 def spec_bytes(folder: Path) -> bytes:
     """The content of a session's ``spec.json``.
 
-    Raises DataLoss if there is no such file: the folder is no session's. Raises RESOURCE_EXHAUSTED.DISK if the file
+    Raises DataLoss if there is no such file: the folder is not a session's. Raises RESOURCE_EXHAUSTED.DISK if the file
     cannot be read.
     """
     try:
@@ -153,6 +153,6 @@ def spec_bytes(folder: Path) -> bytes:
         if not isinstance(error, FileNotFoundError | NotADirectoryError):
             raise unreadable("the session's spec", error) from error
         raise DataLoss(
-            f"{folder} is no session's folder: {error.strerror or error}",
+            f"{folder} is not a session's folder: {error.strerror or error}",
             hint="give a folder below STATE FOLDER/sessions, or a copy of one",
         ) from error

@@ -29,6 +29,7 @@ from pathlib import Path
 from mesh_motion_protocol.errors import ResourceExhausted, SessionError
 
 from mesh_motion_server.failpoints import failpoint
+from mesh_motion_server.security.authorisation import not_found
 from mesh_motion_server.session.journal.background_call import BackgroundCall
 from mesh_motion_server.session.journal.durability import log_bytes
 from mesh_motion_server.session.journal.files import FIRST_MANIFEST, KEPT_COMMITS, MANIFEST, SLOTS, read_journal
@@ -251,10 +252,10 @@ class SessionStore:
         built.
         """
         if not self._is_stored(session):
-            raise _not_found(session)
+            raise not_found(session)
         spec = self._listing.spec(self._path(session))
         if not spec.admits(token):
-            raise _not_found(session)
+            raise not_found(session)
         return spec
 
     def names(self) -> list[str]:
@@ -294,7 +295,7 @@ class SessionStore:
         Raises ResourceExhausted: RESOURCE_EXHAUSTED.DISK if the disk refuses it; the session is then unchanged.
         """
         path = self._path(session)
-        # rename first: a session that a crash has deleted in part is no session
+        # rename first: a session that a crash has deleted in part is not a session
         away = path.with_name(f"{session}.discarded")
         try:
             self._require_same_root()
@@ -360,7 +361,7 @@ class SessionStore:
 
     def _path(self, session: str) -> Path:
         if not _SESSION_ID.fullmatch(session):
-            raise _not_found(session)
+            raise not_found(session)
         return self._sessions / session
 
     def _require_same_root(self) -> None:
@@ -386,11 +387,3 @@ def _identity(folder: Path) -> tuple[int, int] | None:
     except OSError:
         return None
     return found.st_dev, found.st_ino
-
-
-def _not_found(session: str) -> SessionError:
-    return SessionError(
-        f"there is no session {session!r:.40} for this token",
-        code="NOT_FOUND",
-        hint="check the session id and its token; a session that was never built cannot be resumed",
-    )

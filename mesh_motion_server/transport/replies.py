@@ -34,7 +34,8 @@ def encoded(reply: Message, *, state: str = "", memory: Mapping[str, Any] | None
     """
     try:
         return encode(reply, memory)
-    except ProtocolError as error:
+    except ProtocolError as error:  # a client without an answer would repeat its request in vain
         log().error("unencodable", reply=reply.type, reason=error.message)
         failure = MeshMotionError(f"the reply cannot be put on the wire: {error.message}", code="INTERNAL")
+        # not into the memory: an error has no arrays
         return encode(error_reply(reply, failure, state=state))

@@ -27,6 +27,7 @@ def one_blas_thread() -> Iterator[None]:
     """Limit every loaded BLAS to one thread, and restore the limits at the end."""
     several = []
     for library in _libraries():
+        # a call within another one finds 1, and restores nothing too early
         if (found := library.get_num_threads()) != 1:
             several.append((library, found))
             library.set_num_threads(1)
@@ -41,10 +42,10 @@ def for_each_tile(task: Callable[[int, int], None], size: int, tile: int) -> Non
     """Call ``task(first, last)`` for every tile of ``range(size)``, on as many threads as the compiled kernels use."""
     tiles = [(first, min(first + tile, size)) for first in range(0, size, tile)]
     threads = min(len(tiles), int(kernels.get_threads()))
-    if threads <= 1:
+    if threads <= 1:  # a pool of one thread costs its start, and gains nothing
         for bounds in tiles:
             task(*bounds)
         return
     with ThreadPoolExecutor(threads) as pool:
         for future in [pool.submit(task, *bounds) for bounds in tiles]:
-            future.result()
+            future.result()  # raises what the tile raised

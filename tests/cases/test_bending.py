@@ -3,6 +3,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from frame_meshes import tensor_grid, without_unused
 from mesh_motion_protocol.errors import InvalidInput
 
 from mesh_motion_server.cases.case import Bending, read_case
@@ -79,31 +80,21 @@ def test_a_wrong_bending_is_refused_by_the_key(make_case: Callable[[], Path], ke
 def flap(folder: Path, dimension: int, *, both: bool) -> Path:
     """A box of simplices or hexahedra around a flap on its floor, or a wall from floor to ceiling."""
     x, y = np.linspace(0, 4, 33), np.linspace(0, 2, 17)
-    z = np.linspace(0, 1, 5) if dimension == 3 else np.zeros(1)
-    number = np.arange(len(x) * len(y) * len(z)).reshape(len(x), len(y), len(z))
-    grid = np.stack(np.meshgrid(x, y, z, indexing="ij"), axis=-1).reshape(-1, 3)
-    i, j, k = (a.ravel() for a in np.meshgrid(range(32), range(16), range(max(len(z) - 1, 1)), indexing="ij"))
-    is_body = (i >= 15) & (i < 17) & ((j < 8) | both)
-    i, j, k = i[~is_body], j[~is_body], k[~is_body]
-    ring = [number[i, j, k], number[i + 1, j, k], number[i + 1, j + 1, k], number[i, j + 1, k]]
-    if dimension == 3:
-        ring += [number[i, j, k + 1], number[i + 1, j, k + 1], number[i + 1, j + 1, k + 1], number[i, j + 1, k + 1]]
-    top = 2.0 if both else 1.0
+    z = np.linspace(0, 1, 5)
+    grid, cells = tensor_grid(x, y, z) if dimension == 3 else tensor_grid(x, y)
+    middle, top = grid[cells].mean(axis=1), 2.0 if both else 1.0
+    grid, cells = without_unused(grid, cells[(abs(middle[:, 0] - 2) > 0.125) | (middle[:, 1] > top)])
     inside = (abs(grid[:, 0] - 2) < 0.126) & (grid[:, 1] <= top)
     body = inside & ((abs(grid[:, 0] - 2) > 0.124) | ((grid[:, 1] == top) & (not both)))
-    used = np.unique(np.concatenate(ring))
-    new = np.full(len(grid), -1)
-    new[used] = np.arange(len(used))
     wall = (grid[:, 0] % 4 == 0) | (grid[:, 1] % 2 == 0)
     arrays = {"patch_flap": body, "patch_walls": wall}
     if dimension == 3:
         arrays["patch_symmetry"] = grid[:, 2] % 1 == 0
-    patches = {name: new[np.flatnonzero(marks)] for name, marks in arrays.items()}
     np.savez(
         folder / "mesh.npz",
-        points=grid[used, :dimension],
-        **{f"cells_{'hexahedron' if dimension == 3 else 'quad'}": new[np.column_stack(ring)]},
-        **{name: nodes[nodes >= 0] for name, nodes in patches.items()},  # type: ignore[arg-type]
+        points=grid,
+        **{f"cells_{'hexahedron' if dimension == 3 else 'quad'}": cells},
+        **{name: np.flatnonzero(marks) for name, marks in arrays.items()},  # type: ignore[arg-type]
     )
     return folder / "mesh.npz"
 
@@ -129,20 +120,13 @@ def test_a_first_case_of_a_body_on_a_wall_bends_it_and_is_accepted(tmp_path: Pat
 def test_a_side_that_is_clamped_all_round_bends_between_its_edges(tmp_path: Path, shift: float) -> None:
     """Its middle and that of its edges are equal except for rounding, so they give no direction."""
     axes = [np.linspace(0, length, 7) / 3 + shift for length in (2, 1, 1)]
-    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    points, cells = tensor_grid(*axes)
     number = np.arange(343).reshape(7, 7, 7)
-    low, high = number[:-1], number[1:]
-    corners = [
-        side[:, a:b, c:d]
-        for side in (low, high)
-        for a, c in ((0, 0), (1, 0), (1, 1), (0, 1))
-        for b, d in [(a + 6, c + 6)]
-    ]
     sides = {f"{'xyz'[axis]}{end}": np.take(number, end, axis).ravel() for axis in range(3) for end in (0, -1)}
     np.savez(
         tmp_path / "mesh.npz",
         points=points,
-        cells_hexahedron=np.stack([corner.ravel() for corner in corners], axis=1),
+        cells_hexahedron=cells,
         **{f"patch_{name}": nodes for name, nodes in sides.items()},  # type: ignore[arg-type]
     )
     path = tmp_path / "case.toml"

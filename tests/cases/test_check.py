@@ -5,6 +5,7 @@ from pathlib import Path
 import meshio
 import numpy as np
 import pytest
+from frame_meshes import tensor_grid
 from mesh_motion_client import QualityRefused
 from mesh_motion_protocol.errors import InvalidInput
 
@@ -197,9 +198,7 @@ def test_a_file_of_lines_is_recognised(tmp_path: Path) -> None:
 
 def test_a_far_field_is_suggested_its_basis_and_radius(tmp_path: Path) -> None:
     axis = np.arange(-13.0, 14.0)
-    points = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
-    nodes = np.arange(len(points)).reshape(27, 27)
-    quads = np.stack([nodes[:-1, :-1], nodes[:-1, 1:], nodes[1:, 1:], nodes[1:, :-1]], axis=-1).reshape(-1, 4)
+    points, quads = tensor_grid(axis, axis)
     quads = quads[np.abs(points[quads].mean(axis=1)).max(axis=1) > 1.0]
     block, outer = (np.flatnonzero(np.abs(points).max(axis=1) == size) for size in (1.0, 13.0))
     path = tmp_path / "far.npz"

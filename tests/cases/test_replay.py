@@ -352,7 +352,7 @@ def test_a_copy_taken_while_the_session_lives_is_replayed(tmp_path: Path) -> Non
 
 
 def test_a_folder_that_cannot_be_replayed_is_refused_with_the_reason(folder: Path, tmp_path: Path) -> None:
-    with pytest.raises(DataLoss, match="is no session's folder"):
+    with pytest.raises(DataLoss, match="is not a session's folder"):
         read_recorded(tmp_path)
     for name, pattern in (("history", "not recorded from step 1 on"), ("mesh.bin", "mesh")):
         copy = tmp_path / f"without {name}"

@@ -85,7 +85,7 @@ def test_a_file_is_read_with_its_numbers_and_the_roles_that_are_given(tmp_path):
         Mesh.load(tmp_path / "whole.npz", GIVEN)
     assert Mesh.load(tmp_path / "whole.npz", {"wall": "free"}).patches == {}
     for roles, hint in (
-        ({"wal": "fixed"}, r"'wal' is no patch: did you mean 'wall'\?"),
+        ({"wal": "fixed"}, r"'wal' is not a patch: did you mean 'wall'\?"),
         ({}, "add 'wall': 'moving' or 'fixed', or 'free' to leave it out"),
     ):
         with pytest.raises(InvalidInput, match=rf"patch 'wall' has no role; .* \({hint}\)"):

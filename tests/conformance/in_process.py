@@ -3,9 +3,9 @@
 It is the one of :mod:`tests.faults.in_process`, with a model that computes next to nothing.
 """
 
-import contextlib
 import threading
 import time
+from contextlib import suppress
 
 import zmq
 from plain_model import PlainModel
@@ -68,16 +68,7 @@ class ListeningServer(InProcessServer):
         self.over = True
         self.thread.join()
         for child in list(self._children):
-            with contextlib.suppress(Exception):  # of a session with a seeded fault
+            with suppress(Exception):  # of a session with a seeded fault
                 self._disconnect(child)
         self._wire.close(0)
         self.context.destroy(0)
-
-
-@contextlib.contextmanager
-def in_process_server(folder):
-    server = ListeningServer(folder)
-    try:
-        yield server
-    finally:
-        server.close()

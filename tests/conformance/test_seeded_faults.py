@@ -1,7 +1,9 @@
 """Tests of the suite: each wrong server and each wrong client is detected by the cases that must detect it."""
 
+from contextlib import closing
+
 import pytest
-from in_process import in_process_server
+from in_process import ListeningServer
 from mesh_motion_client.conformance import play
 from mesh_motion_conformance.case import Case, require
 from mesh_motion_conformance.checks import answered, refused
@@ -37,7 +39,7 @@ def test_a_server_without_fault_fails_no_case(tmp_path):
     """Gateway, control, worker and sessions run in one process: the whole suite computes for three seconds."""
     failed = []
     for folder in (tmp_path / "once", tmp_path / "again"):  # a machine that stands still fails a case once
-        with in_process_server(folder) as server:
+        with closing(ListeningServer(folder)) as server:
             # a short time-out detects a wrong, silent server; a correct one may be as slow as the machine
             failed = failing(server.endpoint, failed, seconds=30.0)
     assert sorted(failed) == WITHOUT_JUDGEMENT
@@ -51,7 +53,7 @@ def test_sessions_of_a_case_end_with_it_and_shared_ones_do_not(wrong, tmp_path):
         sessions[:] = [stage.session("READY"), stage.open().reach("READY")]
         require(not wrong, "nothing", "something")
 
-    with in_process_server(tmp_path) as server:
+    with closing(ListeningServer(tmp_path)) as server:
         stage = Stage(server.endpoint, seconds=30.0)
         (outcome,) = run([Case("1", "opens", "a demand", opens)], stage)
         assert outcome.verdict == ("FAIL" if wrong else "PASS")
@@ -64,7 +66,7 @@ def test_sessions_of_a_case_end_with_it_and_shared_ones_do_not(wrong, tmp_path):
 @pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.name)
 def test_a_wrong_server_is_caught(fault, tmp_path, monkeypatch):
     fault.seed(monkeypatch)
-    with in_process_server(tmp_path) as server:
+    with closing(ListeningServer(tmp_path)) as server:
         assert sorted(failing(server.endpoint, fault.caught)) == sorted(fault.caught)
 
 

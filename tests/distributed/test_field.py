@@ -9,7 +9,7 @@ from mesh_motion_numerics.interpolation.interpolant import Interpolant, factoriz
 from mesh_motion_numerics.interpolation.kernels import BASES
 from mesh_motion_numerics.interpolation.two_scale.factorization import TwoScalePlan
 from mesh_motion_numerics.interpolation.two_scale.interpolant import AnyInterpolant, TwoScaleInterpolant
-from two_scale_boundaries import boundary, graded_circle, sphere, square, walls
+from two_scale_boundaries import boundary, graded_circle, sphere, walls
 
 RANDOM = np.random.default_rng(11)
 BOXES = {2: [(0.0, 0.3), (0.35, 0.65), (0.6, 1.0), (0.9, 0.99)], 3: [(0.0, 0.3), (0.3, 0.7), (0.6, 1.0)]}
@@ -21,7 +21,7 @@ def one_scale(basis: str, radius: float | None, d: int) -> AnyInterpolant:
 
 
 def two_scales(d: int) -> AnyInterpolant:
-    body, rest = (graded_circle(300, 20.0), square(30)) if d == 2 else (sphere(300, 0.1), walls(6))
+    body, rest = (graded_circle(300, 20.0), walls(30, 2)) if d == 2 else (sphere(300, 0.1), walls(6))
     points, moving = boundary(body, rest)
     plan = TwoScalePlan.build(points, moving, basis="wendland-c2", support_radius=2.5, count=60)
     found = plan.factorize(points, np.zeros(d), np.ones(d)).solve(np.where(moving[:, None], 0.1 * points**2, 0.0))

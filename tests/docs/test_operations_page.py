@@ -3,12 +3,12 @@
 import json
 import re
 import shutil
-import socket
 import sys
 import tomllib
 from pathlib import Path
 
 import pytest
+from page_story import free_port
 from shown_commands import blocks, run
 
 from mesh_motion_server.commands.outcome import ExitStatus
@@ -20,17 +20,11 @@ PAGE = (ROOT / "docs" / "operations.md").read_text(encoding="utf-8")
 TOOLS = ("curl", "flock")
 
 
-def free_address() -> str:
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        return f"127.0.0.1:{free.getsockname()[1]}"
-
-
 @pytest.mark.slow
 @pytest.mark.skipif(not all(map(shutil.which, TOOLS)), reason="needs curl and flock")
 def test_the_first_block_runs(tmp_path: Path) -> None:
     (block,), (client,) = blocks(PAGE, "sh"), blocks(PAGE, "python")
-    endpoint, metrics = free_address(), free_address()
+    endpoint, metrics = (f"127.0.0.1:{free_port()}" for _ in range(2))
     script = block.replace("127.0.0.1:7440", endpoint).replace("127.0.0.1:9464", metrics)
     script = script.replace("python client.py", f"{sys.executable} client.py")
     script = "set -e\n" + script.replace("server.log &", "server.log & trap 'kill $! 2> /dev/null || true' EXIT", 1)

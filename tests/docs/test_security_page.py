@@ -1,10 +1,10 @@
 """The commands and programs in docs/security.md are run."""
 
-import socket
 import sys
 from pathlib import Path
 
 import pytest
+from page_story import free_port
 from shown_commands import blocks, run
 
 from mesh_motion_server.security.allow_list import read_entries
@@ -18,15 +18,9 @@ def block(language: str) -> str:
     return found
 
 
-@pytest.fixture
-def endpoint() -> str:
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        return f"tcp://127.0.0.1:{free.getsockname()[1]}"
-
-
 @pytest.mark.nightly
-def test_the_ten_lines_and_the_client_run(tmp_path: Path, endpoint: str) -> None:
+def test_the_ten_lines_and_the_client_run(tmp_path: Path) -> None:
+    endpoint = f"tcp://127.0.0.1:{free_port()}"
     lines = here(block("sh"), endpoint).splitlines()
     assert len(lines) <= 10
     *before, last = lines

@@ -2,7 +2,7 @@
 
 from functools import cache
 
-#: Sections 3 to 6: frames that are no message, or none of this version.
+#: Sections 3 to 6: frames that are not a message, or none of this version.
 _FRAMES = (
     "INVALID_ARGUMENT.HEADER", "INVALID_ARGUMENT.VALUE", "INVALID_ARGUMENT.DTYPE", "INVALID_ARGUMENT.SHAPE",
     "INVALID_ARGUMENT.FRAMES", "INVALID_ARGUMENT.NONFINITE", "RESOURCE_EXHAUSTED.BYTES", "UNIMPLEMENTED.VERSION",

@@ -46,7 +46,7 @@ class ModelFiles:
     """Files in memory.
 
     ``operations``: every requested change since :meth:`arm`; ``crash_at`` (int or None): number of operations before
-    power is lost; ``before``: called with each operation before it is done.
+    power is lost; ``before``: called before each operation, with it.
     """
 
     def __init__(self) -> None:

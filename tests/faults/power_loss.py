@@ -1,7 +1,7 @@
 """Power is lost between any two operations of the real journal: no promised data may vanish.
 
-A journal of one of the levels of durability runs a random script on the model file system: it is built, commits,
-flushes, raises its epoch, fills its manifest and is opened again. The promise covers every acknowledged step, reply and
+A random script uses a journal of one level of durability on the model file system: it builds, commits, flushes, raises
+the epoch, fills the manifest and opens the journal again. The promise covers every acknowledged step, reply and
 epoch; with "relaxed" the steps up to the durable step of a reply. Before each operation the file system is copied, and
 the copies lose power; several of the possible disks are drawn, and some lose power again during the recovery. Each disk
 must open, have the promised data (and an unacknowledged step completely or not at all), and take the next step.

@@ -3,8 +3,8 @@ strangers.
 """
 
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 from random import Random
 
@@ -20,15 +20,6 @@ from tests.faults.hidden_sessions import require_alike, require_same_time, time_
 from tests.faults.wire import Wire
 
 Seed = Callable[..., None]
-
-
-@contextmanager
-def stage(folder: Path) -> Iterator[Stage]:
-    made = Stage(folder)
-    try:
-        yield made
-    finally:
-        made.close()
 
 
 def test_the_expected_rights_and_the_servers_table_agree_but_are_separate() -> None:
@@ -50,7 +41,7 @@ def found(stage: Stage, cell: Cell) -> str:
 
 
 def test_requests_after_the_refusal_do_not_wait_for_a_peer(tmp_path: Path) -> None:
-    with stage(tmp_path) as made, Wire(made.server.endpoint, made.unknown) as wire:
+    with closing(Stage(tmp_path)) as made, Wire(made.server.endpoint, made.unknown) as wire:
         assert wire._events.poll(30_000), "refused"
         time.sleep(0.2)  # libzmq takes the only peer away
         begun = time.monotonic()
@@ -66,13 +57,13 @@ def test_wrong_cells_are_found(seed: Seed, tmp_path: Path) -> None:
         "an admin may not list",
         "an allow list that is read once",
     )
-    with stage(tmp_path) as made:
+    with closing(Stage(tmp_path)) as made:
         # this server never reads the list again, so the subject has the roles of its start
         assert "UNAUTHENTICATED, got PONG" in found(made, Cell((), "PING", "control", True))
         assert "expected NOT_FOUND, got PROBED" in found(made, Cell(("owner",), "PROBE", "control", False))
     seed("a monitor may close", "an admin may not list", "statuses show places")
     (tmp_path / "second").mkdir()
-    with stage(tmp_path / "second") as made:
+    with closing(Stage(tmp_path / "second")) as made:
         assert "PERMISSION_DENIED, got CLOSED" in found(made, Cell(("monitor",), "CLOSE", "data", False))
         assert "expected LISTED, got PERMISSION_DENIED" in found(made, Cell(("admin",), "LIST", "control", True))
         row.judge(cell := Cell(("owner",), "COMMIT", "data", True), row.outcome(made, cell))
@@ -82,7 +73,7 @@ def test_wrong_cells_are_found(seed: Seed, tmp_path: Path) -> None:
 @pytest.mark.nightly
 def test_an_answer_that_reveals_a_session_is_found(seed: Seed, tmp_path: Path) -> None:
     seed("no delay of not found", "another hint where there is a session")
-    with stage(tmp_path) as made, Wire(made.server.endpoint, made.subject) as control:
+    with closing(Stage(tmp_path)) as made, Wire(made.server.endpoint, made.subject) as control:
         existing = {"open": row.known(made.held(False))}
         with pytest.raises(BrokenPromise, match="PROBE of another's session, which is open, is answered"):
             require_alike(control, existing)
@@ -93,7 +84,7 @@ def test_an_answer_that_reveals_a_session_is_found(seed: Seed, tmp_path: Path) -
 @pytest.mark.nightly
 def test_a_delay_that_begins_after_the_lookup_is_found(seed: Seed, tmp_path: Path) -> None:
     seed("a lookup that takes its time after the delay began")
-    with stage(tmp_path) as made, Wire(made.server.endpoint, made.subject) as control:
+    with closing(Stage(tmp_path)) as made, Wire(made.server.endpoint, made.subject) as control:
         seconds = times(control, {"open": row.known(made.held(False))}, Random(1), 40)
     with pytest.raises(BrokenPromise, match="that is open comes"):
         require_same_time(seconds)

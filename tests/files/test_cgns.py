@@ -229,7 +229,9 @@ def test_conditions_name_elements_of_the_boundary(
         section(zone, "edges", 3, 2, 3, [1, 2, 2, 3])
         condition(zone, "rim", listed, values, location)
 
-    with pytest.raises(InvalidInput, match=f"rim: it names element {wrong}, which is no element of lower dimension"):
+    with pytest.raises(
+        InvalidInput, match=f"rim: it names element {wrong}, which is not an element of lower dimension"
+    ):
         read_mesh(make(tmp_path / "m.cgns", TWO[:4], fill, dimension=2))
 
 
@@ -277,8 +279,8 @@ def test_sections_of_boundary_faces_are_patches_where_there_are_no_conditions(tm
     [
         ([[1], [2, 3, 4], [4, 5, 6]], [], "two of its NGON_n faces are element 4"),
         ([[1, 2], [2, 3], [5, 6, 7]], [], "two of its NGON_n faces are element 2"),  # seven, from 1 to 7
-        ([[1], [2, 3, 4, 5, 6, 7]], [7, 1], "patch: it names element 1, which is no face of the boundary"),
-        ([[1], [2, 3, 4, 5, 6, 7]], [2, 10], "patch: it names element 10, which is no face of the boundary"),
+        ([[1], [2, 3, 4, 5, 6, 7]], [7, 1], "patch: it names element 1, which is not a face of the boundary"),
+        ([[1], [2, 3, 4, 5, 6, 7]], [2, 10], "patch: it names element 10, which is not a face of the boundary"),
     ],
 )
 def test_faces_that_are_not_there_are_refused(

@@ -1629,7 +1629,7 @@ def test_cases_of_ensight_that_do_not_fit_and_parts_elsewhere(tmp_path: Path) ->
     mesh = read_mesh(tmp_path / "m.geo")
     assert len(mesh.points) == len(POINTS)
     assert [*mesh.patches] == ["far", "sides", "part_4"]
-    assert mesh.notes == ("the part 'cut' has nodes that no cell has (1 elements): it is no patch",)
+    assert mesh.notes == ("the part 'cut' has nodes that no cell has (1 elements): it is not a patch",)
     write_mesh(tmp_path / "moved.geo", replace(mesh, points=POINTS + 0.5))
     assert (tmp_path / "moved.geo").read_text().endswith("\n 0.1\n 0.2\n 0.1\ntria3\n1\n1\n1 2 3\n")
     flat = "a\nb\nnode id off\nelement id off\npart\n1\nfluid\ncoordinates\n4\n" + "\n".join("011000110000") + "\n"

@@ -452,7 +452,7 @@ def test_a_long_entry_of_a_patch_is_read_in_linear_time(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", ["box", "box-binary", "box-gzip", "strip", "castellated"])
 def test_a_polymesh_comes_back_with_moved_points(foam_case: Callable[..., Path], tmp_path: Path, name: str) -> None:
-    """In 2D both planes move alike; the added centres of polyhedra are no points of the file."""
+    """In 2D both planes move alike; the added centres of polyhedra are not points of the file."""
     mesh = read_mesh(foam_case(name))
     write_mesh(tmp_path / "moved", replace(mesh, points=mesh.points * 1.5 + 0.1))
     before, after = read_face_mesh(foam_case(name) / "constant" / "polyMesh"), read_face_mesh(tmp_path / "moved")

@@ -94,7 +94,7 @@ def test_ugrid_files_that_do_not_fit(tmp_path: Path, old: str, new: str, message
 def test_ugrid_that_is_cut_off(tmp_path: Path) -> None:
     ugrid_binary(tmp_path / "m.lb8.ugrid")
     (tmp_path / "m.lb8.ugrid").write_bytes((tmp_path / "m.lb8.ugrid").read_bytes()[:-4])
-    one_line(tmp_path / "m.lb8.ugrid", "no byte order and precision fits its size: it is no such file, or cut off")
+    one_line(tmp_path / "m.lb8.ugrid", "no byte order and precision fits its size: it is not such a file, or cut off")
 
 
 # Nastran
@@ -117,16 +117,14 @@ def nastran(path: Path, form: str) -> None:
     )
 
 
-def _small(name: str, *fields: object) -> str:
-    words = [f"{_short(field):<8}" for field in fields]
-    lines = ["".join(words[k : k + 8]) for k in range(0, len(words), 8)]
-    return f"{name:<8}" + "\n+       ".join(lines) + "\n"
+def _small(name: str, *fields: object, width: int = 8, mark: str = "+") -> str:
+    words, many = [f"{_short(field):<{width}}" for field in fields], 64 // width
+    lines = ["".join(words[k : k + many]) for k in range(0, len(words), many)]
+    return f"{name:<8}" + f"\n{mark:<8}".join(lines) + "\n"
 
 
 def _large(name: str, *fields: object) -> str:
-    words = [f"{_short(field):<16}" for field in fields]
-    lines = ["".join(words[k : k + 4]) for k in range(0, len(words), 4)]
-    return f"{name + '*':<8}" + "\n*       ".join(lines) + "\n"
+    return _small(f"{name}*", *fields, width=16, mark="*")
 
 
 def _free(name: str, *fields: object) -> str:
@@ -407,7 +405,7 @@ def test_plot3d_files_that_do_not_fit(tmp_path: Path) -> None:
 def test_plot3d_around_an_axis(
     tmp_path: Path, turns: float, axes: int, cells: dict[str, int], patches: dict[str, int]
 ) -> None:
-    """The side imin of half a cylinder, a whole one or half a disc has no area: it is no patch."""
+    """The side imin of half a cylinder, a whole one or half a disc has no area: it is not a patch."""
     angle = np.linspace(0.0, 2.0 * np.pi * turns, 5)[: 4 if turns == 1.0 else 5]
     angle = np.append(angle, angle[:1])[:5]
     radius, height = np.arange(3.0), np.arange(3.0) if axes == 3 else np.zeros(1)

@@ -115,7 +115,7 @@ def test_variants_that_solvers_accept_are_read(tmp_path: Path) -> None:
     assert list(mesh.patches) == ["lower wall", "unnamed", "pin"]
     np.testing.assert_array_equal(mesh.patches["unnamed"], plain.patches["far"])
     assert mesh.notes == (
-        "marker 'empty' has no elements: it is no patch",
+        "marker 'empty' has no elements: it is not a patch",
         "a marker without a name becomes the patch 'unnamed'",
     )
 

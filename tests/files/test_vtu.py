@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from frame_meshes import tensor_grid, without_unused
 from mesh_files import lists, one_line, replaced
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.quality.orientation import oriented
@@ -358,12 +359,9 @@ def test_a_surface_is_refused(tmp_path: Path) -> None:
 
 def two_squares(rows: slice = slice(0, 8)) -> tuple[np.ndarray, CellTable, np.ndarray]:
     """Some of the eight quads of [0, 2] × [0, 1], with their nodes only; and which nodes are at y = 0."""
-    x, y = np.meshgrid(np.linspace(0, 2, 5), [0.0, 0.5, 1.0], indexing="ij")
-    number = np.arange(15).reshape(5, 3)
-    quads = np.stack([number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]], axis=-1).reshape(-1, 4)
-    used, nodes = np.unique(quads[rows], return_inverse=True)
-    points = np.column_stack([x.ravel(), y.ravel()])[used]
-    return points, CellTable.from_arrays({"quad": nodes.reshape(-1, 4)}), (points[:, 1] == 0).astype(np.uint8)
+    points, quads = tensor_grid(np.linspace(0, 2, 5), np.linspace(0, 1, 3))
+    points, quads = without_unused(points, quads[rows])
+    return points, CellTable.from_arrays({"quad": quads}), (points[:, 1] == 0).astype(np.uint8)
 
 
 PARTS = (slice(0, 4), slice(4, 8))

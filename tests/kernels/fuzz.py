@@ -15,7 +15,7 @@ import mesh_motion_kernels as kernels
 import numpy as np
 
 _MARGIN = 64  # numbers before and after an array
-_NEVER = 0.1  # share of whole numbers that are no index, in half of the arrays
+_NEVER = 0.1  # share of whole numbers that are not an index, in half of the arrays
 _ARRAY = re.compile(r"ndarray\[dtype=(\w+), shape=\(([^)]*)\)")
 _SEVERAL = re.compile(r"(tuple|collections\.abc\.Sequence)\[(.*)\]$")
 

@@ -5,6 +5,7 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
+from frame_meshes import ring_grid
 from mesh_motion_numerics.correction.correction_problem import CorrectionProblem
 from mesh_motion_numerics.correction.trial_nodes import TrialMesh
 from mesh_motion_numerics.interpolation import evaluation
@@ -47,13 +48,8 @@ class BodyMesh:
 
 def ring(rings: int = 24, ratio: float = 10.0, around: int = 48) -> BodyMesh:
     """A circle in a circle of ``ratio`` times its radius, in triangles; the rings grow by the same factor each."""
-    radius, angle = np.meshgrid(ratio ** (np.arange(rings + 1) / rings), np.arange(around), indexing="ij")
-    angle = 2.0 * np.pi * angle / around
-    points = np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=-1).reshape(-1, 2)
-    first = np.arange(rings * around)
-    after = first - first % around + (first + 1) % around
-    halves = [[first, after + around, after], [first, first + around, after + around]]
-    cells = CellTable.from_arrays({"triangle": np.concatenate([np.stack(half, axis=1) for half in halves])})
+    points, quads = ring_grid(ratio ** (np.arange(rings + 1) / rings), around)
+    cells = CellTable.from_arrays({"triangle": np.concatenate([quads[:, [0, 2, 3]], quads[:, [0, 1, 2]]])})
     return BodyMesh(points, cells, np.arange(rings * around, len(points)), np.arange(around))
 
 

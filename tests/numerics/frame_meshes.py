@@ -16,6 +16,15 @@ def tensor_grid(*axes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return points, np.stack([number[part].ravel() for part in cut], axis=1)
 
 
+def ring_grid(radii: np.ndarray, around: int) -> tuple[np.ndarray, np.ndarray]:
+    """Points on circles about the origin, circle by circle, and the quads between the circles."""
+    angle = 2.0 * np.pi * np.arange(around) / around
+    points = np.stack([np.outer(radii, np.cos(angle)), np.outer(radii, np.sin(angle))], axis=-1).reshape(-1, 2)
+    number = np.arange(len(points)).reshape(len(radii), around)
+    after = np.roll(number, -1, axis=1)
+    return points, np.stack([number[:-1], number[1:], after[1:], after[:-1]], axis=-1).reshape(-1, 4)
+
+
 def without_unused(points: np.ndarray, cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The points that cells (m, c) use, and the cells with new node numbers."""
     used, numbers = np.unique(cells, return_inverse=True)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from box_meshes import box_mesh
+from frame_meshes import tensor_grid
 from hypothesis import given
 from hypothesis import strategies as st
 from mesh_motion_numerics.mesh.cells import CELL_TYPES, CellTable
@@ -52,10 +53,8 @@ def rotation(rng: np.random.Generator, d: int) -> np.ndarray:
 def grid(n: int) -> tuple[np.ndarray, CellTable]:
     """(n² nodes, 2 (n - 1)² triangles) of the unit square, perturbed but valid."""
     rng = np.random.default_rng(3)
-    xy = np.stack(np.meshgrid(np.arange(n), np.arange(n), indexing="ij"), -1).reshape(-1, 2) / (n - 1)
-    i = np.arange(n * n).reshape(n, n)
-    a, b, c, d = i[:-1, :-1].ravel(), i[1:, :-1].ravel(), i[1:, 1:].ravel(), i[:-1, 1:].ravel()
-    cells = CellTable.from_arrays({"triangle": np.concatenate([np.c_[a, b, c], np.c_[a, c, d]])})
+    xy, quads = tensor_grid(*[np.arange(n) / (n - 1)] * 2)
+    cells = CellTable.from_arrays({"triangle": np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])})
     return xy + rng.uniform(-0.2, 0.2, xy.shape) / (n - 1), cells
 
 

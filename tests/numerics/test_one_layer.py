@@ -2,12 +2,12 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
-from itertools import product
 
 import numpy as np
 import pytest
 from box_meshes import box_mesh
 from carried_layers import with_layer
+from frame_meshes import tensor_grid
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.mesh.finite_volume import extruded_cells, extruded_points
 from mesh_motion_numerics.mesh.one_layer import OneLayer
@@ -212,15 +212,12 @@ def test_other_meshes_are_moved_in_space() -> None:
 
 
 def test_a_single_row_of_cells_is_a_plane_between_those_that_slide() -> None:
-    x, y, z = (axis.ravel() for axis in np.meshgrid(np.arange(5.0), [0.0, 1.0], [0.0, 1.0], indexing="ij"))
-    number = np.arange(20).reshape(5, 2, 2)
-    corners = [number[a : 4 + a, b, c].ravel() for c, (b, a) in product((0, 1), ((0, 0), (0, 1), (1, 1), (1, 0)))]
-    cells = CellTable.from_arrays({"hexahedron": np.column_stack(corners)})
-    points = np.column_stack([x, y, z])
+    points, boxes = tensor_grid(np.arange(5.0), np.arange(2.0), np.arange(2.0))
+    cells = CellTable.from_arrays({"hexahedron": boxes})
     patches = {
         "planes": Patch("symmetry", np.arange(20)),
-        "bottom": Patch("fixed", np.flatnonzero(y == 0)),
-        "top": Patch("moving", np.flatnonzero(y == 1)),
+        "bottom": Patch("fixed", np.flatnonzero(points[:, 1] == 0)),
+        "top": Patch("moving", np.flatnonzero(points[:, 1] == 1)),
     }
     for axis in range(3):  # whichever coordinate is across
         layer = OneLayer.find(np.roll(points, axis, axis=1), cells, patches)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from frame_meshes import tensor_grid
 from mesh_motion_numerics.mesh.cells import CELL_TYPES, CellTable
 from mesh_motion_numerics.mesh.roles import Patch
 from mesh_motion_numerics.method import Method
@@ -25,9 +26,7 @@ def one_cell(name: str) -> np.ndarray:
 
 def square(order: dict[int, list[int]] | None = None) -> tuple[np.ndarray, CellTable, dict[str, Patch]]:
     """A 4 × 4 grid of quadrilaterals, some in another node order; the left side moves, the others are fixed."""
-    points = np.stack(np.meshgrid(*[np.arange(5) / 4] * 2), -1).reshape(-1, 2)
-    i = np.arange(25).reshape(5, 5)
-    quads = np.stack([i[:-1, :-1], i[:-1, 1:], i[1:, 1:], i[1:, :-1]], -1).reshape(-1, 4)
+    points, quads = tensor_grid(*[np.arange(5) / 4] * 2)
     for row, columns in (order or {}).items():
         quads[row] = quads[row, columns]
     x, y = points.T

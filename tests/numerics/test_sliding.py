@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 from box_meshes import box_mesh
-from frame_meshes import tensor_grid
+from frame_meshes import ring_grid, tensor_grid
 from mesh_motion_numerics.mesh.boundary_facets import boundary_facets, boundary_nodes
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.mesh.rigid_transforms import Transform
@@ -19,12 +19,8 @@ def unit_grid(*counts):
 
 def ring(around, across, inner=0.5):
     """An annulus of quads about the origin with outer radius 1, its outer and inner nodes."""
-    angle = np.arange(around) * 2 * np.pi / around
-    radius = np.linspace(inner, 1, across + 1)
-    points = np.stack([np.outer(radius, np.cos(angle)), np.outer(radius, np.sin(angle))], axis=-1).reshape(-1, 2)
+    points, quads = ring_grid(np.linspace(inner, 1, across + 1), around)
     index = np.arange(len(points)).reshape(across + 1, around)
-    turned = np.roll(index, -1, axis=1)
-    quads = np.stack([index[:-1], index[1:], turned[1:], turned[:-1]], axis=-1).reshape(-1, 4)
     return points, CellTable.from_arrays({"quad": quads}), index[-1], index[0]
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from box_meshes import box_mesh
 from correction_cases import BodyMesh, ring, stored
+from frame_meshes import ring_grid
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.mesh.roles import Patch
 from mesh_motion_numerics.method import Method
@@ -27,13 +28,8 @@ def model(kind: str) -> MotionModel:
 
 def layered() -> BodyMesh:
     spacing = 2e-3 * 1.35 ** np.arange(25)
-    radius, angle = np.meshgrid(1.0 + np.cumsum(np.append(0.0, spacing)), np.arange(64), indexing="ij")
-    angle = 2.0 * np.pi * angle / 64
-    points = np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=-1).reshape(-1, 2)
-    first = np.arange(25 * 64)
-    after = first - first % 64 + (first + 1) % 64
-    cells = CellTable.from_arrays({"quad": np.stack([first, first + 64, after + 64, after], axis=1)})
-    return BodyMesh(points, cells, np.arange(25 * 64, len(points)), np.arange(64))
+    points, quads = ring_grid(1.0 + np.cumsum(np.append(0.0, spacing)), 64)
+    return BodyMesh(points, CellTable.from_arrays({"quad": quads}), np.arange(25 * 64, len(points)), np.arange(64))
 
 
 def test_a_mesh_without_distributions_keeps_what_is_prepared() -> None:

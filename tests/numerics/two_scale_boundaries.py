@@ -1,6 +1,7 @@
 """Boundaries in a box for the tests of two scales: a body of given size and spacing, walls around it."""
 
 import numpy as np
+from frame_meshes import tensor_grid
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
@@ -14,10 +15,9 @@ def sphere(count: int, radius: float, centre: float = 0.5) -> Floats:
     return centre + radius * unit
 
 
-def walls(count: int) -> Floats:
-    """(6 count² …, 3) points on the unit cube's surface."""
-    line = np.linspace(0.0, 1.0, count)
-    grid = np.stack(np.meshgrid(line, line, line, indexing="ij"), axis=-1).reshape(-1, 3)
+def walls(count: int, d: int = 3) -> Floats:
+    """Points on the surface of the unit cube, ``count`` along an edge, or on the rim of the unit square."""
+    grid, _ = tensor_grid(*[np.linspace(0.0, 1.0, count)] * d)
     return grid[np.any((grid == 0.0) | (grid == 1.0), axis=1)]
 
 
@@ -38,13 +38,6 @@ def graded_circle(count: int, ratio: float) -> Floats:
     spacing = ratio ** (0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(count) / count))
     angle = 2.0 * np.pi * np.cumsum(spacing) / spacing.sum()
     return 0.5 + 0.1 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-
-
-def square(count: int) -> Floats:
-    """(4 count − 4, 2) points on the unit square's rim."""
-    line = np.linspace(0.0, 1.0, count)
-    grid = np.stack(np.meshgrid(line, line, indexing="ij"), axis=-1).reshape(-1, 2)
-    return grid[np.any((grid == 0.0) | (grid == 1.0), axis=1)]
 
 
 def boundary(body: Floats, rest: Floats) -> tuple[Floats, NDArray[np.bool_]]:

@@ -75,12 +75,15 @@ MESHES: dict[str, tuple[Callable[[], Any], str]] = {
 }
 
 
+def assert_refused(do: Callable[..., Any], words: str, *whose: Any) -> None:
+    with pytest.raises(MeshMotionError) as error:
+        do(*whose)
+    assert re.search(words, str(error.value)), error.value
+
+
 @pytest.mark.parametrize("name", MESHES)
 def test_before_a_server_is_asked(name: str) -> None:
-    do, words = MESHES[name]
-    with pytest.raises(MeshMotionError) as error:
-        do()
-    assert re.search(words, str(error.value)), error.value
+    assert_refused(*MESHES[name])
 
 
 # --- what is wrong with a session ------------------------------------------------------------------------------------
@@ -132,10 +135,7 @@ OPENS: dict[str, tuple[Callable[[Server], Any], str]] = {
 
 @pytest.mark.parametrize("name", OPENS)
 def test_when_a_session_is_opened_or_left(server: Server, name: str) -> None:
-    do, words = OPENS[name]
-    with pytest.raises(MeshMotionError) as error:
-        do(server)
-    assert re.search(words, str(error.value)), error.value
+    assert_refused(*OPENS[name], server)
 
 
 MOVES: dict[str, tuple[Callable[[Session], Any], str]] = {
@@ -166,10 +166,7 @@ MOVES: dict[str, tuple[Callable[[Session], Any], str]] = {
 
 @pytest.mark.parametrize("name", MOVES)
 def test_within_a_session(session: Session, name: str) -> None:
-    do, words = MOVES[name]
-    with pytest.raises(MeshMotionError) as error:
-        do(session)
-    assert re.search(words, str(error.value)), error.value
+    assert_refused(*MOVES[name], session)
 
 
 def test_narrow_and_whole_numbers_are_taken(session: Session) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import shutil
-import socket
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -14,6 +13,7 @@ import numpy as np
 import pytest
 from bare_environment import ROOT
 from mesh_motion_client import Mesh, Patch, connect
+from page_story import free_port
 
 from tools.manual_pages import FOLDER, commands, examples, pages
 
@@ -65,12 +65,6 @@ def _su2(points: np.ndarray, triangles: np.ndarray) -> str:
     nodes = [f"{x!r} {y!r}" for x, y in points.tolist()]
     lines = ["NDIME= 2", f"NELEM= {len(cells)}", *cells, f"NPOIN= {len(nodes)}", *nodes, "NMARK= 0"]
     return "\n".join([*lines, ""])
-
-
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 @pytest.fixture(scope="module")

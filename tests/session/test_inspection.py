@@ -67,7 +67,7 @@ def test_kinds_of_damage_are_distinguished(folder: Path, name: str, offset: int,
 def test_a_session_without_its_manifest_and_a_folder_that_is_none(folder: Path, tmp_path: Path) -> None:
     (folder / "manifest").unlink()
     assert inspect_session(folder).state == "damaged"
-    with pytest.raises(DataLoss, match="is no session's folder"):
+    with pytest.raises(DataLoss, match="is not a session's folder"):
         inspect_session(tmp_path)
 
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from frame_meshes import tensor_grid
 from mesh_motion_numerics.mesh.local_facets import LOCAL_FACETS
 from numpy.typing import NDArray
 
@@ -20,12 +21,10 @@ N = 3
 
 def box() -> tuple[NDArray[np.float64], Ints]:
     """Points (27, 3), which fill no straight lines, and cells (8, 8)."""
-    x, y, z = (of.ravel() for of in np.meshgrid(*[np.linspace(0.0, 1.0, N)] * 3, indexing="ij"))
+    points, cells = tensor_grid(*[np.linspace(0.0, 1.0, N)] * 3)
+    x, y, z = points.T
     bulge = 0.03 * np.sin(3 * x + 5 * y + 7 * z) * x * (1 - x) * y * (1 - y) * z * (1 - z)
-    number = np.arange(N**3).reshape(N, N, N)
-    corners = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)]
-    cells = [[number[i + a, j + b, k + c] for a, b, c in corners] for i, j, k in product(range(N - 1), repeat=3)]
-    return 0.7 * (np.column_stack([x, y, z]) + bulge[:, None] / 3), np.array(cells)
+    return 0.7 * (points + bulge[:, None] / 3), cells
 
 
 POINTS, CELLS = box()
@@ -209,7 +208,7 @@ def exodus_hdf5(path: Path) -> None:
 
 
 def abaqus(path: Path) -> None:
-    """An input of CalculiX: a surface by sides, a set of nodes, a set of faces; the set of all nodes is no patch."""
+    """An input of CalculiX: a surface by sides, a set of nodes, a set of faces; the set of all nodes is not a patch."""
     numbers = {frozenset(corners): side for side, corners in enumerate(ABAQUS.corners["hexahedron"], start=1)}
     wall = ""
     for face in FACES:

@@ -139,7 +139,7 @@ def _run(script: str, folder: Path) -> subprocess.CompletedProcess[str]:
     for name in _FOLDERS:
         (folder / name).symlink_to(ROOT / name)
     for port in ("7440", "9464", "8080"):
-        script = script.replace(f"127.0.0.1:{port}", f"127.0.0.1:{_free_port()}")
+        script = script.replace(f"127.0.0.1:{port}", f"127.0.0.1:{free_port()}")
     environment = os.environ | {"PATH": f"{folder / 'bin'}:{os.environ['PATH']}", "HOME": str(folder), "COLUMNS": "120"}
     environment.pop("PYTHONUNBUFFERED", None)  # with it, lines of two processes may be joined
     session = subprocess.Popen(
@@ -167,7 +167,7 @@ def _end(session: subprocess.Popen[str]) -> None:
     session.wait()
 
 
-def _free_port() -> int:
+def free_port() -> int:
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         return int(free.getsockname()[1])

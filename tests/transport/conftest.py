@@ -5,15 +5,17 @@ import os
 import uuid
 from pathlib import Path
 
+import numpy as np
 import pytest
 import zmq
 from mesh_motion_protocol.codec import decode, encode
 from mesh_motion_protocol.key_files import PublicKey, SecretKey
-from mesh_motion_protocol.messages import Join, Open
+from mesh_motion_protocol.messages import Join, Move, Open
 
 from mesh_motion_server.security.key_folder import make_client_keys
 from tests.faults.limited_context import limited_context
 from tests.faults.server_process import ServerProcess
+from tests.faults.waiting import wait_until
 
 HERE = Path(__file__).parent
 PATIENCE = 30.0
@@ -119,6 +121,19 @@ def open_session(connect):
         return opened, data, at
 
     return open_session
+
+
+@pytest.fixture
+def open_moving(open_session):
+    """Opens a session whose worker computes step 1 until the file ``go`` is there."""
+
+    def open_moving(server):
+        opened, data, at = open_session(server, label="slow")
+        data.send(Move, **at, step=1, frame="reference", displacement=np.ones((2, 2)))
+        wait_until((server.state / f"moving-{opened.session}").exists, "the move runs")
+        return opened, data
+
+    return open_moving
 
 
 class ClientKeys:

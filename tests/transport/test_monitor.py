@@ -10,7 +10,7 @@ import socket
 
 import pytest
 from mesh_motion_protocol.errors import ResourceExhausted, error_code
-from mesh_motion_protocol.messages import List, Move, Open, Ping
+from mesh_motion_protocol.messages import List, Open, Ping
 from status_page import address_of, get
 
 from mesh_motion_server.operation.disk_watch import DiskWatch
@@ -39,13 +39,11 @@ def stopped(pid):
         os.kill(pid, signal.SIGCONT)
 
 
-def test_ready_comes_and_goes_with_the_drain(start, open_session):
+def test_ready_comes_and_goes_with_the_drain(start, open_moving):
     server = start_watched(start)
     wait_until(lambda: get(server, "/readyz") == (200, "ok\n"), "ready")
     assert get(server, "/healthz") == (200, "ok\n")
-    opened, data, at = open_session(server, label="slow")
-    data.send(Move, **at, step=1, frame="reference", displacement=[[1.0, 1.0]] * 2)
-    wait_until((server.state / f"moving-{opened.session}").exists, "the move runs")
+    open_moving(server)
     server.process.send_signal(signal.SIGTERM)
     wait_until(lambda: get(server, "/readyz") == (503, "draining: the server is stopping\n"), "not ready")
     assert get(server, "/healthz")[0] == 200

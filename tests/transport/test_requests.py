@@ -4,8 +4,6 @@ import numpy as np
 import pytest
 from mesh_motion_protocol.messages import Commit, Move, Probe
 
-from tests.faults.waiting import wait_until
-
 ONES = np.ones((2, 2))
 
 
@@ -15,12 +13,9 @@ def server(lasting_server):
     return lasting_server
 
 
-def test_probe_answers_while_the_worker_computes(server, connect, open_session):
-    opened, data, at = open_session(server, label="slow")
-    data.send(Move, **at, step=1, frame="reference", displacement=ONES)
-    control = connect(server.endpoint)
-    wait_until((server.state / f"moving-{opened.session}").exists, "the move runs")
-    probed = control.ask(Probe, session=opened.session, token=opened.token)
+def test_probe_answers_while_the_worker_computes(server, connect, open_moving):
+    opened, data = open_moving(server)
+    probed = connect(server.endpoint).ask(Probe, session=opened.session, token=opened.token)
     assert (probed.worker, probed.epoch, probed.endpoint) == ("alive", 1, opened.endpoint)
     (server.state / "go").touch()
     assert data.receive().type == "MOVED"

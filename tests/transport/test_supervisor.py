@@ -66,11 +66,9 @@ def test_a_session_that_cannot_be_opened_is_refused_with_the_reason(start, conne
 
 
 @pytest.mark.nightly
-def test_resume_does_not_wait_for_a_computation_of_a_lost_holder(start, connect, open_session):
+def test_resume_does_not_wait_for_a_computation_of_a_lost_holder(start, connect, open_moving):
     server = start()
-    opened, old, at = open_session(server, label="slow")
-    old.send(Move, **at, step=1, frame="reference", displacement=ONES)
-    wait_until((server.state / f"moving-{opened.session}").exists, "the move runs")
+    opened, _ = open_moving(server)
     first, second = connect(server.endpoint), connect(server.endpoint)
     for control in (first, second):
         control.send(Resume, session=opened.session, token=opened.token)
@@ -114,11 +112,9 @@ def test_sigterm_drains_a_server_that_has_just_said_that_it_is_ready(start):
     assert [event["reason"] for event in server.events("draining")] == ["signal"]
 
 
-def test_sigterm_lets_the_request_finish_and_closes_the_journal(start, connect, open_session):
+def test_sigterm_lets_the_request_finish_and_closes_the_journal(start, connect, open_moving):
     server = start()
-    opened, data, at = open_session(server, label="slow")
-    data.send(Move, **at, step=1, frame="reference", displacement=ONES)
-    wait_until((server.state / f"moving-{opened.session}").exists, "the move runs")
+    opened, data = open_moving(server)
     server.process.send_signal(signal.SIGTERM)
     wait_until(lambda: server.events("draining"), "draining")
     refused = connect(server.endpoint).ask(Open, dimension=2)
@@ -130,12 +126,10 @@ def test_sigterm_lets_the_request_finish_and_closes_the_journal(start, connect, 
     assert not server.ready_file.exists()
 
 
-def test_the_end_of_a_terminal_is_one_drain_of_all_its_processes(start, open_session):
+def test_the_end_of_a_terminal_is_one_drain_of_all_its_processes(start, open_moving):
     """A shell and the kernel both send SIGHUP, to workers too."""
     server = start()
-    opened, data, at = open_session(server, label="slow")
-    data.send(Move, **at, step=1, frame="reference", displacement=ONES)
-    wait_until((server.state / f"moving-{opened.session}").exists, "the move runs")
+    opened, data = open_moving(server)
     for _ in range(2):
         for process in {server.process.pid, *descendants(server.process.pid)}:
             os.kill(process, signal.SIGHUP)
@@ -160,11 +154,9 @@ def test_a_server_that_ignores_the_end_of_its_terminal_serves_on(start, connect)
 
 
 @pytest.mark.parametrize("ended_by", ["its limit", "a second signal"])
-def test_a_drain_is_bounded(start, open_session, ended_by):
+def test_a_drain_is_bounded(start, open_moving, ended_by):
     server = start(**({"drain_seconds": 0.5} if ended_by == "its limit" else {}))
-    opened, data, at = open_session(server, label="slow")
-    data.send(Move, **at, step=1, frame="reference", displacement=ONES)
-    wait_until((server.state / f"moving-{opened.session}").exists, "the move runs")
+    open_moving(server)
     server.process.send_signal(signal.SIGTERM)
     if ended_by == "a second signal":
         wait_until(lambda: server.events("draining"), "draining")

@@ -298,12 +298,12 @@ static size_t most_frames(const mm_session *session)
     return 1 + MMI_MOST_ARRAYS * ((nodes * 3 * sizeof(double) + MMI_CHUNK_BYTES - 1) / MMI_CHUNK_BYTES);
 }
 
-/* The frames are no message. What follows on this connection cannot be trusted either. */
+/* The frames are not a message. What follows on this connection cannot be trusted either. */
 static outcome damaged(mm_context *context, connection *connection, const char *wrong)
 {
     mmi_disconnect(connection);
     return mmi_fail(context, "INTERNAL", "repeat the call: the server executes it only once",
-                    "the server's reply is no message: %s", wrong);
+                    "the server's reply is not a message: %s", wrong);
 }
 
 /* Take all frames of the next message. ZeroMQ delivers whole messages only. */

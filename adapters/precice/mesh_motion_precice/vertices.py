@@ -182,5 +182,5 @@ def _check_dimension(coupling: Coupling, name: str, data: str, mesh: Mesh) -> No
         )
     if coupling.get_data_dimensions(name, data) != mesh.dimension:
         raise InvalidInput(
-            f"the data {data!r} is no vector", hint=f'<data:vector name="{data}" /> in precice-config.xml'
+            f"the data {data!r} is not a vector", hint=f'<data:vector name="{data}" /> in precice-config.xml'
         )

@@ -52,7 +52,7 @@ class ConnectionLost(Unavailable):
 
 
 class DamagedReply(ServerFault):
-    """The received frames are no message: the request may have executed or not; the same call may be repeated."""
+    """The received frames are not a message: the request may have executed or not; the same call may be repeated."""
 
 
 class Connection:
@@ -152,7 +152,7 @@ class Connection:
             return decode([frame.buffer for frame in self._socket.recv_multipart(copy=False)], memory=memory)
         except ProtocolError as error:
             self.close()  # later messages on this connection cannot be trusted either
-            raise DamagedReply(f"the server's reply is no message: {error.message}", code=error.code) from None
+            raise DamagedReply(f"the server's reply is not a message: {error.message}", code=error.code) from None
 
     def _wait(self, seconds: float) -> None:
         """Wait for a reply or an event, at most until the time is over."""

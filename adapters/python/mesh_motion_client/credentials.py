@@ -46,7 +46,7 @@ class Credentials:
         Raises
         ------
         ValueError, KeyError, TypeError
-            If the values are no credentials.
+            If the values are not credentials.
         """
         return cls(str(values["session"]), bytes.fromhex(values["token"]))
 

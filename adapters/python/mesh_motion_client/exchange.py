@@ -40,7 +40,7 @@ _TYPES = {
 }
 #: VTK types that are ours with another node order: pixels and voxels, the cells of images along the axes.
 _ALIGNED = {8: ("quad", [0, 1, 3, 2]), 11: ("hexahedron", [0, 1, 3, 2, 4, 5, 7, 6])}
-#: VTK types that are no cells (none, a vertex, several vertices), and names of types that are never accepted.
+#: VTK types that are not cells (none, a vertex, several vertices), and names of types that are never accepted.
 _NO_CELLS = (0, 1, 2)
 _ODD = {4: "polylines", 6: "triangle strips", 7: "polygons", 15: "prisms", 16: "prisms", 42: "polyhedra"}
 _PREFIX = "patch_"

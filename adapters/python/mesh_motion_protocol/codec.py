@@ -93,7 +93,7 @@ def decode(
     Raises
     ------
     ProtocolError
-        If the frames are no message of this version; ``client`` and ``sequence`` are set if they were readable.
+        If the frames are not a message of this version; ``client`` and ``sequence`` are set if they were readable.
     """
     if not frames:
         raise _malformed("a message must have at least one frame, got none")

@@ -325,7 +325,7 @@ def meant(word: str, known: Iterable[str]) -> str:
 
 
 class ProtocolError(Exception):
-    """Frames that are no message, or a message that cannot be put into frames.
+    """Frames that are not a message, or a message that cannot be put into frames.
 
     Parameters
     ----------

@@ -24,7 +24,7 @@ _INTEGERS = range(-(2**63), 2**63)
 class FieldSpec:
     """A header field: its Python type, its markers, and whether a sender may leave it out.
 
-    A field that is None is left out, even by a sender that knows the field: nil is no value of the wire.
+    A field that is None is left out, even by a sender that knows the field: nil is not a value of the wire.
     """
 
     name: str

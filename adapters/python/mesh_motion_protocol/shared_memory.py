@@ -142,7 +142,7 @@ def _mapped(process: int, descriptor: int, key: bytes, nbytes: int) -> mmap.mmap
     """
     path = f"/proc/{process}/fd/{descriptor}"
     if not stat.S_ISREG(os.stat(path).st_mode):  # opening another kind of file might have side effects
-        raise OSError(f"{path} is no file")
+        raise OSError(f"{path} is not a file")
     memory = os.open(path, os.O_RDWR)
     try:
         sealed = fcntl.fcntl(memory, fcntl.F_GET_SEALS) & fcntl.F_SEAL_SHRINK  # a file without a name

@@ -17,8 +17,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from mesh_motion_numerics.mesh.boundary_facets import LOCAL_FACETS
 from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.mesh.local_facets import LOCAL_FACETS
 from numpy.typing import NDArray
 
 __all__ = ["FRONT_AND_BACK", "PolyMesh", "PolyPatch"]

@@ -92,7 +92,7 @@ def fresh_turns(body: Body, count: int, seed: int) -> Iterator[Turn]:
     reach, found = (0.3 if d == 2 else 0.2), 0
     while found < count:
         axis = (0.0, 0.0, 1.0) if d == 2 else tuple(rng.normal(size=3))
-        turn = Turn(tuple(rng.uniform(-reach, reach, size=d)), float(rng.uniform(-90.0, 90.0)), axis=axis)
+        turn = Turn(tuple(rng.uniform(-reach, reach, size=(d,))), float(rng.uniform(-90.0, 90.0)), axis=axis)
         if body.judge().quality(_standard(body, turn)).min() < 0.2:
             found += 1
             yield turn

@@ -10,17 +10,16 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from mesh_motion_numerics.arrays import Floats, Integers
 from mesh_motion_numerics.correction.cell_distortion import cell_gradient
 from mesh_motion_numerics.correction.distortion import PNorm
 from mesh_motion_numerics.correction.free_region import FreeRegion
 from mesh_motion_numerics.correction.trial_nodes import region_quality
-from numpy.typing import NDArray
+from mesh_motion_numerics.quality.metrics import sizes_of
 from scipy.optimize import linprog
 from scipy.sparse import csr_array
 
 __all__ = ["climbed", "shortest"]
-
-Floats = NDArray[np.float64]
 
 _METRIC = PNorm(1, 1e6, of="cells")  # log(1/size-skew), apart from the rounding of |log τ|
 _WINDOW, _STEP = 1.35, 0.05  # cells up to so much better than the worst; first Δ, of the shortest reference edge
@@ -31,7 +30,7 @@ def climbed(points: Floats, region: FreeRegion, metric: str, iterations: int = 2
     """The minimum that sequential linear programmes reach from points (n, d)."""
     local = points[region.nodes]
     quality = region_quality(local, region, metric)
-    radius = _STEP * shortest(region.reference_sizes, points.shape[1])
+    radius = _STEP * shortest(sizes_of(region.reference_sizes), points.shape[1])
     for _ in range(iterations):
         step, promised = _programme(local, quality, region, radius)
         trial = local.copy()
@@ -68,7 +67,8 @@ def _programme(local: Floats, quality: Floats, region: FreeRegion, radius: float
 def _linearised(local: Floats, quality: Floats, region: FreeRegion) -> tuple[csr_array, Floats]:
     """−∇ log q of the cells near the worst, one row for each cell, and their log q."""
     shares = cell_gradient(local, region.groups, np.ones(len(quality)), _METRIC)
-    rows, columns, values, low = [], [], [], []
+    rows, columns = list[Integers](), list[Integers]()
+    values, low = list[Floats](), list[Floats]()
     first, d = 0, local.shape[1]
     for group, share in zip(region.groups, shares, strict=True):
         own = quality[first : first + len(group)]

@@ -87,7 +87,7 @@ def random_motions(body: Body, count: int, seed: int) -> Iterator[CorrectionProb
     reach = 0.3 if d == 2 else 0.2
     found = 0
     while found < count:
-        problem = body.rigid(rng.uniform(-reach, reach, size=d), float(rng.uniform(-75.0, 75.0)))
+        problem = body.rigid(rng.uniform(-reach, reach, size=(d,)), float(rng.uniform(-75.0, 75.0)))
         if body.judge().quality(problem.standard).min() < 0.2:
             found += 1
             yield problem

@@ -67,6 +67,7 @@ def turned(points: Floats, degrees: float) -> Floats:
 
 def condition(found: TwoScaleFactorization, method: Method) -> float:
     """Condition of the coarse matrix, from its eigenvalues."""
+    assert method.support_radius is not None  # the model replaced 0 by 2.5 L
     points = padded(found.coarse.control_points)
     matrix = dense_block(basis_named(method.basis), method.support_radius, points, points)
     values = np.linalg.eigvalsh(matrix)

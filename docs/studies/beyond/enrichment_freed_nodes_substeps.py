@@ -168,7 +168,7 @@ def run(quick: bool) -> Outcome:
         for one in {each.stored.cells.blocks[0].type.name: each for each in tried[::-1]}.values():
             for way in WAYS.values():
                 moved(one, 0.1 * one.sizes[0], way)  # what is loaded at the first call is no cost of a way
-        found = [
+        found: Found = [
             (one, size, {name: moved(one, size, w) for name, w in WAYS.items()}) for one in tried for size in one.sizes
         ]
         hard = [(one, size) for one, size, reached in found if reached["standard"].minimum < THRESHOLD]

@@ -196,7 +196,7 @@ def _draw(figure: Any, drawn: dict[str, tuple[Duct, Floats]]) -> None:
 
     for ax, (name, (duct, points)) in zip(figure.subplots(1, len(drawn)), drawn.items(), strict=True):
         quads = points[duct.cells.blocks[0].nodes]
-        ax.add_collection(PolyCollection(quads, facecolors="#dfe9f3", edgecolors="#22303c", linewidths=0.4))
+        ax.add_collection(PolyCollection(quads, facecolors="#dfe9f3", edgecolors="#22303c", linewidths=0.4))  # type: ignore[arg-type]
         ax.set_title(name, fontsize=9)
         ax.autoscale_view()
         ax.set_aspect("equal", anchor="N")

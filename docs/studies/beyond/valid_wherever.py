@@ -150,7 +150,7 @@ def random_motions(name: str, count: int) -> Iterator[Floats]:
             sides = {"upper": np.array([along, apart]), "lower": -np.array([along, apart])}
             yield mesh.targets(lambda body, x, sides=sides: x + sides[body])  # type: ignore[misc]
         else:
-            shift = tuple(rng.uniform(-0.15, 0.15, size=d))
+            shift = tuple(rng.uniform(-0.15, 0.15, size=(d,)))
             turn = Turn(shift, float(rng.choice([-1.0, 1.0]) * rng.uniform(90.0, 180.0)))
             yield mesh.targets(lambda _, x, turn=turn: turn(x))  # type: ignore[misc]
 
@@ -169,7 +169,7 @@ def anywhere(name: str, count: int) -> Iterator[Floats]:
     """Turns of up to half a turn with shifts over up to the whole gap to the walls, and beyond it."""
     mesh, rng = subject(name), np.random.default_rng(2028)
     for _ in range(count):
-        turn = Turn(tuple(rng.uniform(-0.45, 0.45, size=mesh.points.shape[1])), rng.uniform(-180.0, 180.0))
+        turn = Turn(tuple(rng.uniform(-0.45, 0.45, size=(mesh.points.shape[1],))), rng.uniform(-180.0, 180.0))
         yield mesh.targets(lambda _, x, turn=turn: turn(x))  # type: ignore[misc]
 
 
@@ -199,7 +199,7 @@ def plain(mesh: Subject, targets: Floats) -> Tried:
 def run(quick: bool) -> Outcome:
     chosen = [(name, motion, number) for name, motion, number, both in CASES if both or not quick]
     rows = [_row(name, motion, number) for name, motion, number in chosen]
-    columns = ("mesh", "motion", "standard", "corrected directly", "default", "legs")
+    columns: tuple[str, ...] = ("mesh", "motion", "standard", "corrected directly", "default", "legs")
     cases = Table(columns, rows, _CASES, digits=3)
     fresh = [_random_row(name, counts[1 if quick else 0]) for name, counts in RANDOM.items() if counts[quick]]
     columns = ("mesh", "motions", "valid: standard", "corrected directly", "default", "least", "mean")
@@ -309,8 +309,8 @@ def _draw_mesh(ax: Any, model: MotionModel, points: Floats) -> None:
 
     nodes = model.cells.blocks[0].nodes
     inverted = cell_quality(points, model.cells, model.reference_sizes).inverted
-    ax.add_collection(PolyCollection(points[nodes], facecolors="none", edgecolors="0.35", linewidths=0.3))
-    ax.add_collection(PolyCollection(points[nodes[inverted]], facecolors="tab:red", alpha=0.4))
+    ax.add_collection(PolyCollection(points[nodes], facecolors="none", edgecolors="0.35", linewidths=0.3))  # type: ignore[arg-type]
+    ax.add_collection(PolyCollection(points[nodes[inverted]], facecolors="tab:red", alpha=0.4))  # type: ignore[arg-type]
     ax.autoscale_view()
 
 

@@ -15,7 +15,7 @@ Floats = NDArray[np.float64]
 
 MESH = "examples/thesis_rotation/mesh"
 MOTION = Turn((-0.2, -0.2), 60.0)
-METHODS = {
+METHODS: dict[str, dict[str, Any]] = {
     "plain interpolation": {"correction": "none", "allow_invalid": True},
     "enrichment": {"correction": "enrichment", "correction_target": "maximum"},
     "optimised (default)": {"correction": "optimised"},

@@ -44,7 +44,7 @@ BOUNDS = {
     "noise": (0.0, 10.0),
     "resumed": (0.0, 0.0),
 }
-#: Interpolation alone: a layer that is kept where it does no harm is no smooth function of the boundary.
+#: Interpolation alone: a layer that is kept where it does no harm is not a smooth function of the boundary.
 PLAIN = {"displacement": "absolute", "correction": "none", "allow_invalid": True}
 DEFAULT: dict[str, Any] = {"quality_metric": "relative-size-skew"}  # a stored mesh names another metric
 _NOISE, _RANKS = 1e-8, 2
@@ -296,7 +296,8 @@ _PICTURE = "Largest second difference of a node by the time of the step, times t
 
 
 def _draw(figure: Any, drawn: dict[str, dict[str, tuple[int, list[float]]]]) -> None:
-    shown = [name for name in ("flag, ± 80 mm", "slab, ± 40°", "hexahedra, ± 40°") if name in drawn] or list(drawn)
+    wanted: list[str] = ["flag, ± 80 mm", "slab, ± 40°", "hexahedra, ± 40°"]
+    shown = [name for name in wanted if name in drawn] or list(drawn)
     for ax, name in zip(figure.subplots(1, len(shown), squeeze=False)[0], shown, strict=True):
         for label, (steps, jolts) in drawn[name].items():
             ax.plot(np.arange(1, len(jolts) + 1) / steps, np.array(jolts) * steps**2, label=label, lw=1.0)

@@ -45,7 +45,7 @@ class BlockCase:
         return TrialMesh(p.start, p.cells, p.reference_sizes, p.held, "size")
 
     @property
-    def triangles(self) -> NDArray[np.int64]:
+    def triangles(self) -> NDArray[np.int32]:
         """(m, 3) node numbers."""
         return self.problem.cells.blocks[0].nodes
 

@@ -8,6 +8,7 @@ from functools import cache
 import numpy as np
 from mesh_motion_numerics.interpolation import evaluation
 from mesh_motion_numerics.interpolation.interpolant import factorize
+from mesh_motion_numerics.interpolation.two_scale.interpolant import AnyInterpolant
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.mesh.roles import Patch
 from mesh_motion_numerics.quality.metrics import cell_quality, reference_sizes
@@ -75,7 +76,7 @@ class MeshMotion:
         full = factorize(self.mesh.points[self.boundary], support_radius=self.support_radius)
         return (full.solve(self.displacement),)
 
-    def displaced(self, levels: tuple[Level, ...]) -> Floats:
+    def displaced(self, levels: tuple[AnyInterpolant, ...]) -> Floats:
         """(n, d) nodes displaced by a sum of levels."""
         return self.mesh.points + sum(evaluation.displacement(level, self.mesh.points) for level in levels)
 
@@ -85,7 +86,7 @@ class MeshMotion:
         exact[self.boundary] = self.mesh.points[self.boundary] + self.displacement
         return exact
 
-    def corrected(self, reduced: Reduced) -> tuple[Level, ...]:
+    def corrected(self, reduced: Reduced) -> tuple[AnyInterpolant, ...]:
         """The levels of a reduction and the near-surface correction of the remaining error."""
         points = self.mesh.points[self.boundary]
         moving = np.linalg.norm(self.displacement, axis=1) > 0.0

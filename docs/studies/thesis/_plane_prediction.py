@@ -66,9 +66,18 @@ def convergence(case: PlaneCase, levels: int, *, fixed_field: bool) -> dict[str,
     return found
 
 
-def convergence_table(case: PlaneCase, levels: int, found: dict[str, list[Errors]], caption: str) -> Table:
+Convergence = dict[str, list[Errors]]
+
+
+def convergences(case: PlaneCase, levels: int, figure: str) -> tuple[Convergence, Convergence, list[Table]]:
+    """Errors with all boundary nodes and in a fixed field, and the tables of both; ``figure`` of the thesis."""
+    every, fixed = (convergence(case, levels, fixed_field=one) for one in (False, True))
+    captions = (
+        f"**{figure}.** Control points: all boundary nodes of each mesh, as in the thesis.",
+        "The same meshes in one and the same field: that of the coarsest mesh's boundary nodes.",
+    )
     labels: list[Cell] = [str(len(case.mesh(level).cells)) for level in range(levels)]
-    return order_table("cells", labels, found, caption)
+    return every, fixed, [order_table("cells", labels, *one) for one in zip((every, fixed), captions, strict=True)]
 
 
 def magnitudes(case: PlaneCase, shifts: tuple[float, ...], turns: tuple[float, ...]) -> Table:

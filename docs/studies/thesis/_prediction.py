@@ -168,7 +168,7 @@ def draw_cells(axes: Any, corners: Floats, values: Floats, title: str, limits: t
 
     fine = len(corners) > 1000  # lines would hide such cells, and smoothed borders make large files
     found = PolyCollection(
-        corners,
+        corners,  # type: ignore[arg-type]
         array=values,
         cmap=colormaps["viridis"].resampled(20),  # bands of 0.05: values can be read, and the file is small
         clim=limits,
@@ -185,7 +185,7 @@ def draw_cells(axes: Any, corners: Floats, values: Floats, title: str, limits: t
 Curves = dict[str, tuple[Floats, str, str]]
 
 
-def draw_slopes(axes: Any, sizes: Floats, curves: Curves, anchors: dict[int, float]) -> None:
+def draw_slopes(axes: Any, sizes: NDArray[np.floating], curves: Curves, anchors: dict[int, float]) -> None:
     """Log-log plot of errors against edge length; a grey line for each order through its value at the last size."""
     for label, (values, colour, style) in curves.items():
         axes.loglog(sizes, values, style, color=colour, label=label, markersize=4, linewidth=1.3)

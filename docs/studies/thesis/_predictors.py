@@ -161,7 +161,7 @@ def _centre_gradient(
 
 
 def _transform(
-    points: Floats, nodes: Ints, reference_sizes: Floats, gradients: Floats, out: CellQuality, rows: slice
+    points: Floats, nodes: NDArray[np.int32], reference_sizes: Floats, gradients: Floats, out: CellQuality, rows: slice
 ) -> None:
     """(I + ∇S) A of cells of one type, written into out[rows]."""
     kernels.transformed_quality(
@@ -209,7 +209,7 @@ PREDICTORS: dict[str, Callable[[Floats, CellTable, Floats, DisplacementField], C
 }
 
 
-def _batches(cells: CellTable) -> Iterator[tuple[CellType, Ints, slice]]:
+def _batches(cells: CellTable) -> Iterator[tuple[CellType, NDArray[np.int32], slice]]:
     """Batches of cells of one type with their cell numbers."""
     for block, rows in cells.numbered:
         for first in range(0, len(block), _BATCH):
@@ -217,12 +217,12 @@ def _batches(cells: CellTable) -> Iterator[tuple[CellType, Ints, slice]]:
             yield block.type, nodes, slice(rows.start + first, rows.start + first + len(nodes))
 
 
-def _corner_edges(nodes: Ints, cell_type: CellType) -> tuple[Ints, Ints]:
+def _corner_edges(nodes: NDArray[np.int32], cell_type: CellType) -> tuple[Ints, Ints]:
     """The edges (e, 2) that leave the cells' corners, each once, and ±(edge + 1) for each (cell, corner, column)."""
     corners = cell_type.corner_array
     start = np.repeat(nodes[:, corners[:, 0], None], cell_type.dimension, axis=2)
     end = nodes[:, corners[:, 1:]]
-    low, high = np.minimum(start, end).ravel(), np.maximum(start, end).ravel()
+    low, high = np.minimum(start, end).ravel().astype(np.int64), np.maximum(start, end).ravel()  # keys exceed 2³¹
     n = int(high.max()) + 1
     keys, places = np.unique(low * n + high, return_inverse=True)
     sign = np.where(start < end, 1, -1)

@@ -156,7 +156,8 @@ def draw(figure: Any, cycles: int) -> None:
     axes = figure.subplots(1, len(cases))
     for axis, (displacement, count) in zip(axes, cases, strict=True):
         points = _swung(mesh, (30.0, STEPS, displacement), count).points
-        cells = PolyCollection(points[mesh.cells.blocks[0].nodes], array=orthogonality(points), edgecolors="0.3")
+        corners: Any = points[mesh.cells.blocks[0].nodes]
+        cells = PolyCollection(corners, array=orthogonality(points), edgecolors="0.3")
         cells.set(clim=(0.9, 1.0), linewidth=0.3, cmap="viridis")
         axis.add_collection(cells)
         axis.set(aspect="equal", xlim=(0, 1), ylim=(0, 1), xticks=[], yticks=[])

@@ -45,7 +45,7 @@ def run(quick: bool) -> Outcome:
     text = (
         f"On the wing a share of {error_peaks.PEAK_SHARE:g}, which is what `error-peaks` takes, needs "
         f"{chosen[0.5][1]} points instead of {chosen[1.0][1]}, in {chosen[0.5][2]} iterations instead of "
-        f"{chosen[1.0][2]}, and {chosen[1.0][4] / chosen[0.5][4]:.0f} times fewer multiply-adds for weights."  # type: ignore[operator]
+        f"{chosen[1.0][2]}, and {chosen[1.0][4] / chosen[0.5][4]:.0f} times fewer multiply-adds for weights."
     )
     pictures = [Picture(_draw, "The next points, with the threshold at half of the largest error.", (10.5, 3.6))]
     return Outcome(tables, pictures, text)

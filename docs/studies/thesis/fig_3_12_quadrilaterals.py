@@ -6,7 +6,7 @@ from docs.studies.study import Cell, Outcome, Study, Table
 from docs.studies.thesis._plane_prediction import (
     PlaneCase,
     convergence,
-    convergence_table,
+    convergences,
     deformed,
     magnitudes,
     maps,
@@ -26,21 +26,8 @@ CASE = PlaneCase(mesh, (1.0, 0.0), 0.15, 15.0, (0.3, 0.5))
 def run(quick: bool) -> Outcome:
     """Convergence with all boundary nodes and with a fixed field; magnitudes; maps."""
     levels = 4 if quick else 5
-    every = convergence(CASE, levels, fixed_field=False)
-    fixed = convergence(CASE, levels, fixed_field=True)
-    tables = [
-        convergence_table(
-            CASE, levels, every, "**Fig. 3.14.** Control points: all boundary nodes of each mesh, as in the thesis."
-        ),
-        convergence_table(
-            CASE,
-            levels,
-            fixed,
-            "The same meshes in one and the same field: that of the coarsest mesh's boundary nodes.",
-        ),
-        _with_triangles(levels),
-        magnitudes(CASE, (0.05, 0.1, 0.15, 0.2), (5.0, 10.0, 15.0, 20.0)),
-    ]
+    every, fixed, tables = convergences(CASE, levels, "Fig. 3.14")
+    tables += [_with_triangles(levels), magnitudes(CASE, (0.05, 0.1, 0.15, 0.2), (5.0, 10.0, 15.0, 20.0))]
     pictures = [
         maps(CASE, 2 if quick else 3, "Fig. A.2 (and 3.13): actual (above) and predicted (below, centre gradient)."),
         deformed(CASE, 1, "Fig. 3.12, and where the predictors err."),

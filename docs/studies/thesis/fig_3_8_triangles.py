@@ -5,8 +5,7 @@ from __future__ import annotations
 from docs.studies.study import Outcome, Study
 from docs.studies.thesis._plane_prediction import (
     PlaneCase,
-    convergence,
-    convergence_table,
+    convergences,
     deformed,
     magnitudes,
     maps,
@@ -20,20 +19,8 @@ CASE = PlaneCase(thesis_triangles, (0.0, 1.0), 0.2, 30.0, (0.5, 0.5))
 def run(quick: bool) -> Outcome:
     """Convergence with all boundary nodes and with a fixed field; magnitudes; maps."""
     levels = 3 if quick else 5
-    every = convergence(CASE, levels, fixed_field=False)
-    fixed = convergence(CASE, levels, fixed_field=True)
-    tables = [
-        convergence_table(
-            CASE, levels, every, "**Fig. 3.10.** Control points: all boundary nodes of each mesh, as in the thesis."
-        ),
-        convergence_table(
-            CASE,
-            levels,
-            fixed,
-            "The same meshes in one and the same field: that of the coarsest mesh's boundary nodes.",
-        ),
-        magnitudes(CASE, (0.05, 0.1, 0.15, 0.2), (10.0, 20.0, 30.0, 40.0)),
-    ]
+    every, fixed, tables = convergences(CASE, levels, "Fig. 3.10")
+    tables += [magnitudes(CASE, (0.05, 0.1, 0.15, 0.2), (10.0, 20.0, 30.0, 40.0))]
     pictures = [
         maps(CASE, 2 if quick else 3, "Fig. A.1 (and 3.9): actual (above) and predicted (below, centre gradient)."),
         deformed(CASE, 1, "Fig. 3.8, and where the predictors err: next to the corners of the block."),

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 from mesh_motion_numerics.correction.enrichment import functions
 
 from docs.studies.study import Cell, Outcome, Picture, Study, Table
-from docs.studies.thesis._line import FINE, Line, best_slope, draw_displacement, draw_parts, np, smallest
+from docs.studies.thesis._line import FINE, Line, best_slope, draw_displacement, draw_parts, smallest
 
 RADII = (0.2, 0.3, 0.4, 0.5, 0.6, 0.8)
 SHOWN = (0.2, 0.4, 0.6)

@@ -5,10 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 from mesh_motion_numerics.correction.enrichment.imposed_gradient import bracketing_slopes
 
 from docs.studies.study import Cell, Outcome, Picture, Study, Table
-from docs.studies.thesis._line import CENTRES, Line, best_slope, draw_displacement, draw_parts, np, sizes, smallest
+from docs.studies.thesis._line import CENTRES, Line, best_slope, draw_displacement, draw_parts, sizes, smallest
 
 RADII = (0.2, 0.3, 0.4, 0.5, 0.6, 0.8)
 SHOWN = (0.2, 0.4, 0.6)

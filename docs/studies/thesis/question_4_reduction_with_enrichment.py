@@ -10,7 +10,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from mesh_motion_numerics.arrays import bytes_of
@@ -18,7 +18,7 @@ from mesh_motion_numerics.correction.correction import correct
 from mesh_motion_numerics.correction.correction_problem import CorrectionProblem
 from mesh_motion_numerics.interpolation import evaluation
 from mesh_motion_numerics.interpolation.interpolant import Factorization, Interpolant, factorize
-from mesh_motion_numerics.interpolation.two_scale.interpolant import TwoScaleInterpolant
+from mesh_motion_numerics.interpolation.two_scale.interpolant import AnyInterpolant, TwoScaleInterpolant
 from mesh_motion_numerics.method import Method
 from mesh_motion_numerics.quality.metrics import reference_sizes
 from mesh_motion_numerics.reduction import REDUCTIONS
@@ -54,9 +54,9 @@ class Boundary:
 
     def solve(self, values: Floats) -> TwoScaleInterpolant:
         """A sum that interpolates the (nb, k) values at the parts' nodes; zero without parts."""
-        left, levels = values.copy(), []
+        left, levels = values.copy(), list[Interpolant]()
         for rows, factorization in self.parts:
-            levels.append(factorization.solve(left[rows]))
+            levels.append(cast(Interpolant, factorization.solve(left[rows])))
             left -= evaluation.displacement(levels[-1], self.control_points)
         if not levels:
             one = factorize(self.control_points[:1], support_radius=self.support_radius)
@@ -70,7 +70,7 @@ class ReducedMotion:
     def __init__(self, case: MeshMotion, tolerance: float) -> None:
         self.case, self.points = case, case.mesh.points[case.boundary]
         self.selected = np.arange(len(self.points))
-        levels: tuple[Interpolant, ...] = case.all_nodes()
+        levels: tuple[AnyInterpolant, ...] = case.all_nodes()
         if tolerance:
             reduced = REDUCTIONS[REDUCTION](case.problem(tolerance))
             self.selected, levels = reduced.selected, case.corrected(reduced)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from functools import partial
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from mesh_motion_numerics.arrays import Integers
@@ -56,6 +56,11 @@ def _timed(reduce: Callable[[ReductionProblem], Reduced], problem: ReductionProb
     return found, time.process_time() - began
 
 
+def _levels(found: Reduced) -> tuple[Level, ...]:
+    """The levels of a reduction; none of them is of two scales."""
+    return cast(tuple[Level, ...], found.levels)
+
+
 def _visited(levels: tuple[Level, ...]) -> int:
     """Number of centres in an evaluation, mean over the boundary."""
     return round(sum(level.layout.fraction * len(level.weights) for level in levels))
@@ -71,8 +76,8 @@ def _on_mesh(case: MeshMotion, tolerance: float) -> Table:
         found, seconds = _timed(reduce, case.problem(tolerance))
         raw = case.displaced(found.levels)
         corrected = case.snapped(case.displaced(case.corrected(found)))
-        row: list[Cell] = [name, len(found.selected), sum(len(level.weights) for level in found.levels)]
-        row += [_visited(found.levels), 1000.0 * seconds, found.max_error / case.problem(tolerance).largest]
+        row: list[Cell] = [name, len(found.selected), sum(len(level.weights) for level in _levels(found))]
+        row += [_visited(_levels(found)), 1000.0 * seconds, found.max_error / case.problem(tolerance).largest]
         rows.append([*row, case.quality(raw), case.quality(case.snapped(raw)), case.quality(corrected)])
     caption = f"**{case.title}**, {len(case.mesh.points)} nodes, tolerance {tolerance:g}; minimum size-skew."
     return Table(_MESH_COLUMNS, rows, caption, digits=3)
@@ -84,8 +89,8 @@ def _on_surface(problem: ReductionProblem) -> tuple[Table, dict[str, Reduced]]:
     for name, reduce in _algorithms().items():
         found[name], seconds = _timed(reduce, problem)
         last = found[name].history[-1]
-        centres = sum(len(level.weights) for level in found[name].levels)
-        row: list[Cell] = [name, len(found[name].selected), centres, _visited(found[name].levels)]
+        centres = sum(len(level.weights) for level in _levels(found[name]))
+        row: list[Cell] = [name, len(found[name].selected), centres, _visited(_levels(found[name]))]
         rows.append([*row, seconds, last.solve_operations, last.error_operations, last.max_error / problem.largest])
     columns = (
         "reduction",
@@ -114,15 +119,15 @@ def run(quick: bool) -> Outcome:
 def _words(cost: Table, tables: list[Table]) -> str:
     """The values of the tables."""
     single = [row for row in cost.rows if row[1] == row[2]]
-    fewest = min(single, key=lambda row: int(row[1]))  # type: ignore[arg-type]
-    fastest = min(cost.rows, key=lambda row: float(row[4]))  # type: ignore[arg-type]
+    fewest = min(single, key=lambda row: int(row[1]))
+    fastest = min(cost.rows, key=lambda row: float(row[4]))
     thick, thin = tables[0], tables[1]
     apart = max(abs(row[8] - thick.column("boundary set")[0]) for row in _interpolating(thick))
     ruined = sum(row[7] < 0.1 for row in _interpolating(thin))
     worst = min(row[8] for row in _interpolating(thin))
     return (
         f"For the tolerance {fewest[0]} takes the fewest points ({fewest[1]}) and {fastest[0]} the least time, on "
-        f"{max(int(row[1]) for row in cost.rows)} nodes. "  # type: ignore[arg-type]
+        f"{max(int(row[1]) for row in cost.rows)} nodes. "
         f"If cells are large compared with the tolerance, the choice changes nothing: the minimum size-skew of the "
         f"slab's mesh is within {apart:.1g} of that from all nodes. In layers thinner than the error, setting the "
         f"boundary nodes alone leaves less than 0.1 after {ruined} of {len(_interpolating(thin))} reductions, while "
@@ -165,16 +170,16 @@ def claims(outcome: Outcome) -> None:
     """Check tolerances, and that corrected meshes are as good as from all nodes; thin layers need the correction."""
     cost, *tables = outcome.tables
     for row in cost.rows:
-        assert float(row[-1]) <= TOLERANCE * 1.001  # type: ignore[arg-type]
+        assert float(row[-1]) <= TOLERANCE * 1.001
     slab, thin = tables[0], tables[1]
     for table in tables:
-        best = float(table.rows[0][7])  # type: ignore[arg-type]
+        best = float(table.rows[0][7])
         for row in _interpolating(table):
             assert float(row[8]) > 0.9 * best
-    assert all(abs(float(row[8]) - float(slab.rows[0][7])) < 5e-3 for row in _interpolating(slab))  # type: ignore[arg-type]
+    assert all(abs(float(row[8]) - float(slab.rows[0][7])) < 5e-3 for row in _interpolating(slab))
     assert sum(float(row[7]) < 0.1 for row in _interpolating(thin)) >= 5
     exact = {row[0]: row for row in thin.rows}
-    assert float(exact["multiscale"][6]) > 0.4 > float(exact[GEOMETRIC][6])  # type: ignore[arg-type]
+    assert float(exact["multiscale"][6]) > 0.4 > float(exact[GEOMETRIC][6])
 
 
 STUDY = Study(

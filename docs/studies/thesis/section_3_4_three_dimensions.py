@@ -59,7 +59,7 @@ def _table(counts: tuple[int, ...], found: dict[tuple[str, str], list[Errors]]) 
 
 def claims(outcome: Outcome) -> None:
     """Check orders: centre first on cells with triangles, second on hexahedra; edge midpoint second; nodes exact."""
-    full = len({row[1] for row in outcome.tables[0].rows}) and int(outcome.tables[0].rows[0][1]) > 100_000  # type: ignore[arg-type]
+    full = len({row[1] for row in outcome.tables[0].rows}) and int(outcome.tables[0].rows[0][1]) > 100_000
     slack = 0.15 if full else 0.45
     for kind, _, name, largest, rmse, _, rate in outcome.tables[0].rows:
         if name == "trial nodes":

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from mesh_motion_numerics.interpolation.interpolant import Interpolant
 from mesh_motion_numerics.mesh.cells import CellTable
 
 from docs.studies.study import Cell, Outcome, Picture, Study, Table
@@ -62,8 +63,10 @@ def run(quick: bool) -> Outcome:
                 rows.append([name, bound, str(size), *row, cost / seconds, cost / thesis])
                 costs[name][bound].append((size, cost / thesis))
         samples += _random(name, exact)
-    columns = ("mesh", "bound", "cells a group", "in full", "nodes needed", "bad missed", "bounds broken",
-               "cost / trial nodes", "cost / centre gradient")  # fmt: skip
+    columns: Sequence[str] = (
+        "mesh", "bound", "cells a group", "in full", "nodes needed", "bad missed", "bounds broken",
+        "cost / trial nodes", "cost / centre gradient",
+    )  # fmt: skip
     caption = "CPU time of one prediction with given groups; all bad cells (size-skew < 0.2) are counted."
     found = Table(columns, rows, caption, digits=3)
     columns = ("mesh", "cells sampled", "cost / all cells", "share of bad cells", "chance to see none", "minimum",
@@ -93,6 +96,7 @@ def _reference(mesh: Mesh, field: InterpolantField, name: str) -> tuple[Floats, 
 
 def _by_groups(mesh: Mesh, field: InterpolantField, exact: Floats, size: int, bound: str) -> tuple[list[Cell], float]:
     """Share of cells evaluated in full, share of nodes, missed cells, broken bounds, CPU seconds."""
+    assert isinstance(field.interpolant, Interpolant)
     groups = group_cells(mesh.points, [block.nodes for block in mesh.cells], size)
     best = np.inf
     for _ in range(2):

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 from mesh_motion_numerics.correction.enrichment import functions
 
 from docs.studies.study import Cell, Outcome, Picture, Study, Table
-from docs.studies.thesis._line import FINE, NODES, Line, draw_displacement, draw_parts, np, predicted, sizes, smallest
+from docs.studies.thesis._line import FINE, NODES, Line, draw_displacement, draw_parts, predicted, sizes, smallest
 
 FUNCTIONS = ("H1", "H2", "H3")
 MIDDLE = np.array([0.5])

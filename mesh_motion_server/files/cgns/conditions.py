@@ -38,7 +38,7 @@ class Condition:
         unknown = None if self.of_nodes else self._first_unknown(facets)
         of_a_volume = self.location not in _OF_FACETS and self._first_unknown(cells) is None
         if unknown is not None and not of_a_volume:
-            raise self.node.refused(f"it names element {unknown}, which is no {what}")
+            raise self.node.refused(f"it names element {unknown}, which is not {what}")
 
     def _first_unknown(self, numbers: Integers) -> int | None:
         """The first listed element that is not among the numbers; a range may be longer than any array."""

@@ -151,7 +151,7 @@ def _simple(path: Path, base: Node, zone: Node, points: Floats, fixed: list[Elem
     nodes_of: dict[PatchKey, list[Integers]] = defaultdict(list)
     conditions = read_conditions(base, zone, len(points))
     for condition in conditions:
-        condition.check(*numbers, "element of lower dimension than the cells")
+        condition.check(*numbers, "an element of lower dimension than the cells")
         named = [part.nodes[condition.elements(part.numbers)] for part in flat]
         of = max((_dimension(part) for part, nodes in zip(flat, named, strict=True) if len(nodes)), default=0)
         nodes_of[_patch_key(condition.patch, of)] += [condition.nodes, *(nodes.ravel() for nodes in named)]
@@ -205,7 +205,7 @@ def _polyhedral(
     nodes_of: dict[str, list[Integers]] = defaultdict(list)
     conditions = read_conditions(base, zone, len(points))
     for condition in conditions:
-        condition.check(numbers, volumes, "face of the boundary")
+        condition.check(numbers, volumes, "a face of the boundary")
         chosen[condition.patch].append(boundary[condition.elements(faces.numbers[boundary])])
         nodes_of[condition.patch].append(condition.nodes)
         nodes_of[condition.patch] += [part.nodes[condition.elements(part.numbers)].ravel() for part in single]

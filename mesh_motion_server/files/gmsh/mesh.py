@@ -27,7 +27,7 @@ from mesh_motion_server.files.moved import Place, edit, replaced
 from mesh_motion_server.files.numbering import NumberedRows
 from mesh_motion_server.files.text import integer, text_of
 
-#: Gmsh's number of the element with one node, which is no cell.
+#: Gmsh's number of the element with one node, which is not a cell.
 _VERTEX = 15
 _TYPES = {1: "line", 2: "triangle", 3: "quad", 4: "tetra", 5: "hexahedron", 6: "wedge", 7: "pyramid"}
 #: Second order: the corners come first; total number of nodes.

@@ -25,7 +25,7 @@ def polygons(points: Floats, edges: Integers, cells: Integers) -> tuple[Floats, 
     after = by_start[np.minimum(np.searchsorted(starts, key + edges[:, 1]), len(starts) - 1)]  # (e,) the next edge
     open_ends = (edges[after, 0] != edges[:, 1]) | (cells[after] != cells)
     if open_ends.any():
-        raise ValueError(f"the edges of cell {int(cells[np.argmax(open_ends)]) + 1} are no loop")
+        raise ValueError(f"the edges of cell {int(cells[np.argmax(open_ends)]) + 1} are not a loop")
     _, first, counts = np.unique(cells, return_index=True, return_counts=True)
     found: dict[str, Integers] = {}
     fans: list[Integers] = []
@@ -36,7 +36,9 @@ def polygons(points: Floats, edges: Integers, cells: Integers) -> tuple[Floats, 
             loop.append(edges[edge, 0])
             edge = after[edge]
         if (edge != first[counts == size]).any() or size < 3:
-            raise ValueError(f"the edges of cell {int(cells[first[counts == size][0]]) + 1} are no loop of 3 or more")
+            raise ValueError(
+                f"the edges of cell {int(cells[first[counts == size][0]]) + 1} are not a loop of 3 or more"
+            )
         nodes = np.stack(loop, axis=1)
         if size <= 4:
             found["triangle" if size == 3 else "quad"] = nodes

@@ -305,7 +305,7 @@ def _read(path: Path) -> MeshFile:
     polyhedra: list[CellFaces] = []
     for number, (part, rows) in enumerate(zip(parts, numbers, strict=True)):
         if (outside := _outside(part, rows, len(points))) > 0:
-            notes.append(f"the part {part.name!r} has nodes that no cell has ({outside} elements): it is no patch")
+            notes.append(f"the part {part.name!r} has nodes that no cell has ({outside} elements): it is not a patch")
             continue
         elements += [(name, rows[nodes], np.full(len(nodes), number)) for name, nodes in part.elements]
         polygons += [replace(of, nodes=rows[of.nodes], cells=np.full_like(of.cells, number)) for of in part.polygons]

@@ -230,7 +230,7 @@ def _listed(content: _Content, lines: list[str], *, generate: bool) -> list[_Ite
 
 
 def _add_elements(found: _Content, given: dict[str, str], lines: list[str]) -> None:
-    """Add the elements of one keyword; elements that are no cells, such as springs, are left out."""
+    """Add the elements of one keyword; elements that are not cells, such as springs, are left out."""
     kind = given["TYPE"].upper()
     matches = ((family.match(kind), types, shell) for family, types, shell in _FAMILIES)
     size, types, shell = next(
@@ -272,7 +272,7 @@ def _mesh(path: Path, found: _Content) -> MeshFile:
         what = f"; its elements are of type {', '.join(sorted(found.left_out))}" if found.left_out else ""
         raise InvalidInput(
             f"{path}: no nodes, or no elements of a volume or a plane{what}",
-            hint="beams, springs and networks are no cells: give the mesh of the space that moves",
+            hint="beams, springs and networks are not cells: give the mesh of the space that moves",
         )
     try:
         rows, points = NumberedRows.of(np.concatenate(found.numbers)), np.concatenate(found.points)
@@ -294,7 +294,7 @@ def _mesh(path: Path, found: _Content) -> MeshFile:
         nodes = [block.nodes[np.isin(block.ids, of)].ravel() for of in of_elements for block in blocks]
         listed = rows(_flat(found.node_sets, name), f"set {name!r}: node")
         own = np.unique(np.concatenate([listed, *nodes]))
-        # the set of all nodes is no patch, except that of both sides of one layer of elements
+        # the set of all nodes is not a patch, except that of both sides of one layer of elements
         if len(own) < len(points) or (name not in found.of_nodes and all_outside(cells, len(points))):
             parts_of[name].append((0, own))
     for name, own in _sides(found, blocks, dimension).items():

@@ -24,7 +24,7 @@ from mesh_motion_server.files.text import integer, real, text_of
 
 _SIZE = re.compile(r"(\d)D(\d+)(N|$)")
 _SOLIDS, _PLANES = SOLIDS | {3: "triangle", 2: "line"}, PLANES | {2: "line"}
-#: Names of geometries, and of elements that are no volumes although their nodes are in space.
+#: Names of geometries, and of elements that are not volumes although their nodes are in space.
 _NAMED = (
     (re.compile(r"Line"), {2: "line", 3: "line"}),
     (re.compile(r"Triangle|Quadrilateral|Shell|Membrane"), _PLANES),

@@ -102,7 +102,7 @@ def _components(path: Path, data: Any, kinds: str) -> Any:
 
 
 def _elements(path: Path, mesh: Any, n_points: int) -> list[Numbered]:
-    """Our type, nodes (m, k) and families (m,) of the elements that are no polygons and no polyhedra."""
+    """Our type, nodes (m, k) and families (m,) of the elements that are neither polygons nor polyhedra."""
     found = []
     for key in mesh.get("MAI", ()):
         if key in (_POLYGONS, _POLYHEDRA):

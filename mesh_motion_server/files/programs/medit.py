@@ -1,6 +1,6 @@
 """Medit's ``.mesh`` in text and ``.meshb``, as FreeFEM, Mmg, TetGen and refine write them.
 
-References of faces (in 2D: edges) are patches; reference 0 is no patch. Sections of other things (corners, ridges,
+References of faces (in 2D: edges) are patches; reference 0 is not a patch. Sections of other things (corners, ridges,
 normals) are not used.
 
 Frey, "MEDIT: an interactive mesh visualization software", INRIA RT-0253 (2001); libMeshb's list of keywords

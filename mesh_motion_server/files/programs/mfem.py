@@ -72,7 +72,7 @@ class _Coordinates:
 def _read(path: Path) -> MeshFile:
     """Read a mesh from ``.mesh``.
 
-    Raises InvalidInput for nodes that are not continuous or are no points of the mesh (L2, NURBS), and for malformed
+    Raises InvalidInput for nodes that are not continuous or are not points of the mesh (L2, NURBS), and for malformed
     sections.
     """
     try:

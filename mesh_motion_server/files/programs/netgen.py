@@ -62,12 +62,6 @@ def _lines(data: bytes) -> list[str]:
     return ["" if line.startswith(b"#") else text_of(line) for line in data.splitlines()]
 
 
-def _reals(lines: list[str], width: int) -> Floats:
-    """(n, width) the first numbers of each line."""
-    rows = [[real(word) for word in line.split()[:width]] for line in lines]
-    return np.array(rows, dtype=np.float64).reshape(-1, width)
-
-
 def _mesh(path: Path, sections: dict[str, list[str]]) -> MeshFile:
     points = np.array([list(map(real, line.split())) for line in sections.get("points", [])], dtype=np.float64).reshape(
         -1, 3

@@ -202,7 +202,7 @@ def _move(source: Path, target: Path, points: Floats) -> None:
             block[: points.shape[1]] = points[number[start : start + block.shape[1]]].T
             start += block.shape[1]
         for block in grid.blocks:
-            block[:] = np.nan  # what is no coordinate stays a number
+            block[:] = np.nan  # what is not a coordinate stays a number
         integers = [] if isinstance(grid.content, bytearray) else (~np.isnan(grid.content)).tolist()
         for block, values in zip(grid.blocks, moved, strict=True):
             block[:] = values

@@ -90,7 +90,7 @@ class _Zone:
         }
         none = np.empty(0, dtype=np.int64)
         nodes = {name: np.concatenate([none, *(part.ravel() for part in of.values())]) for name, of in markers.items()}
-        notes = [f"marker {name!r} has no elements: it is no patch" for name in nodes if not len(nodes[name])]
+        notes = [f"marker {name!r} has no elements: it is not a patch" for name in nodes if not len(nodes[name])]
         notes += [f"a marker without a name becomes the patch {_UNNAMED!r}"] if "" in self.markers else []
         patches = {name: of for name, of in nodes.items() if len(of)}
         return replace(assemble(path, points, self.cells, patches), zone=zone, notes=tuple(notes))

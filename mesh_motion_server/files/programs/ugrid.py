@@ -64,7 +64,7 @@ def _content(data: bytes) -> _Content:
             if ((integers[:3] >= 1) & (integers[:3] <= counts[0])).all():
                 points = np.frombuffer(data, kind, 3 * counts[0], start).reshape(-1, 3).astype(np.float64)
                 return _Content(counts, Place(counts[0], start, 3 * width, kind), points, integers)
-    raise ValueError("no byte order and precision fits its size: it is no such file, or cut off")
+    raise ValueError("no byte order and precision fits its size: it is not such a file, or cut off")
 
 
 def _layouts(data: bytes) -> Iterator[tuple[str, int, int, tuple[int, ...]]]:

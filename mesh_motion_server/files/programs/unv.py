@@ -180,7 +180,7 @@ def _mesh(path: Path, found: _Content) -> MeshFile:
         unknown = next((number for number in members if number not in facets), None)
         if unknown is not None and not nodes and facets.keys().isdisjoint(members):
             # Gmsh writes groups of points, but not their elements
-            notes.append(f"a group {name!r} names no element that is there: it is no patch")
+            notes.append(f"a group {name!r} names no element that is there: it is not a patch")
             continue
         if unknown is not None:
             raise ValueError(f"group {name!r} names element {unknown}, which is not there")

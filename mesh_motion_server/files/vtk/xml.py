@@ -202,7 +202,7 @@ class _Values:
             else:
                 most = most_unpacked(self._packed) if rows in (None, _ANY) else rows * max(width, 1) * dtype.itemsize
                 values = np.frombuffer(self._bytes(array, text, most), dtype)
-            if rows and rows != _ANY and values.size != rows * max(width, 1):  # half of a mesh is no mesh
+            if rows and rows != _ANY and values.size != rows * max(width, 1):  # half of a mesh is not a mesh
                 raise ValueError(f"{values.size} values, but {rows * max(width, 1)} are expected")
             return values.reshape(-1, width) if width > 1 else values
         except ValueError as error:

@@ -198,7 +198,7 @@ class PosixFileSystem:
             raise OSError(errno.ELOOP, "it is a link, expected the file itself", str(path)) from error
         if not stat.S_ISREG(os.fstat(handle).st_mode):
             os.close(handle)
-            raise OSError(errno.EISDIR, "it is no file, but a folder, a pipe or a device", str(path))
+            raise OSError(errno.EISDIR, "it is not a file, but a folder, a pipe or a device", str(path))
         return handle
 
     def size(self, handle: int) -> int:

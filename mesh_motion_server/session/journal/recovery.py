@@ -40,7 +40,7 @@ class Findings:
     ledger: Ledger  # includes the records that will be completed from slots
     end: int  # offset in the manifest at which its records end
     completion: tuple[Record, ...]  # the records with a state that are in slots but not in the manifest, oldest first
-    torn: bool  # whether the manifest ends with bytes that are no record
+    torn: bool  # whether the manifest ends with bytes that are not a record
     dirty_slots: tuple[int, ...]  # slots of a commit that had not reached its record
     records: tuple[Record, ...]  # the records in the manifest
 

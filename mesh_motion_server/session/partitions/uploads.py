@@ -273,7 +273,8 @@ def _check_cell_type(name: str, dimension: int) -> None:
     known = [t.name for t in CELL_TYPES.values() if t.dimension == dimension]
     if name not in known:
         raise _wrong_value(
-            f"UPLOAD of cells: {name!r} is no cell type of a {dimension}D mesh; those are {', '.join(known)}", type=name
+            f"UPLOAD of cells: {name!r} is not a cell type of a {dimension}D mesh; those are {', '.join(known)}",
+            type=name,
         )
 
 
@@ -281,7 +282,7 @@ def _check_facet_type(name: str, dimension: int) -> None:
     known = {1: ("vertex",), 2: ("line",), 3: ("triangle", "quad")}[dimension]
     if name not in known:
         raise _wrong_value(
-            f"UPLOAD of facets: {name!r} is no facet of a {dimension}D mesh; those are {', '.join(known)}", type=name
+            f"UPLOAD of facets: {name!r} is not a facet of a {dimension}D mesh; those are {', '.join(known)}", type=name
         )
 
 

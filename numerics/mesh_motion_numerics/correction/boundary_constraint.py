@@ -158,7 +158,7 @@ class RegionConstraint:
         return replace(self, sliding=replace(self.sliding, reference=positions[self.sliding.nodes]))
 
     def across(self, points: Floats, changes: Floats) -> Floats:
-        """The part of ``changes`` (f, d) of free nodes that is no step from local positions (l, d)."""
+        """The part of ``changes`` (f, d) of free nodes that is not a step from local positions (l, d)."""
         if self.sliding is None:
             return np.zeros_like(changes)
         matrices = self._matrices(points)

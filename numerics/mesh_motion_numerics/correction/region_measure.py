@@ -122,8 +122,8 @@ def region_measure(region: FreeRegion, norm: PNorm, earlier: RegionMeasure | Non
 def _of_cells(region: FreeRegion) -> bool:
     """Whether whole cells may be measured.
 
-    Relative to rest, the quality of a cell that is no simplex is that of its worst corner, so corners are measured. For
-    tetrahedra the corners take less time than the cells.
+    Relative to rest, the quality of a cell that is not a simplex is that of its worst corner, so corners are measured.
+    For tetrahedra the corners take less time than the cells.
     """
     simplices = all(block.type.is_simplex for block in region.cells)
     if region.simplices.offset is not None:

@@ -44,7 +44,7 @@ LAST_LEVEL = PNorm(1000, 100, of="cells")
 """One more level, if the maximum is wanted for a region small enough for :data:`EXACTING`."""
 
 EXACTING = Accuracy(full_step_gain=1e-4, least_decrement=1e-4, least_gain=1e-6)
-"""It takes 1.8 times the time for 0.5 % of the maximum on average, 1 % and up to 4 % if cells are no simplices."""
+"""It takes 1.8 times the time for 0.5 % of the maximum on average, 1 % and up to 4 % if cells are not simplices."""
 
 _MILD_GAIN = 0.02  # over p: a full step with a smaller gain ends a mild p-mean, the start of sharper ones
 _LEVEL_ITERATIONS = 24  # with 12 a half-turned body among 11 000 triangles ends at 0.20 instead of 0.46, no sooner
@@ -168,7 +168,7 @@ class _Search:
 
     @property
     def exacting(self) -> bool:
-        """Whether the exact maximum of freely moving nodes is requested and not expensive."""
+        """Whether the exact maximum is the target, nodes move freely, and there are few of them."""
         unknowns = self.region.n_free * self.points.shape[1]
         return self.solve is None and math.isinf(self.target) and unknowns <= _EXACTING_UNKNOWNS
 

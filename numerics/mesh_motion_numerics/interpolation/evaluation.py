@@ -71,13 +71,14 @@ def displacement(
     if isinstance(field, TwoScaleInterpolant):
         out = displacement(field.coarse, points)
         near = [NearOperator.build(level, points) for level in field.levels] if prepared is None else prepared
+        # one level after the other, prepared or not: another order would change the last bits of the sum
         for level, operator in zip(field.levels, near, strict=True):
             operator.add(level.weights, out)
         return out
     _check_dimension(field, points)
     if isinstance(field, NestedSpline):
         return field.values(points)
-    layout, weights = field.layout, field.weights[field.layout.order]
+    layout, weights = field.layout, field.weights[field.layout.order]  # centres are stored cell by cell
     out = layout.product(field.basis, field.support_radius, padded(points), weights)
     if field.polynomial is not None:
         out += field.polynomial(points)

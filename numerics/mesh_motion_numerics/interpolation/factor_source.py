@@ -51,7 +51,7 @@ class Recorded:
     def get_or_make(self, key: bytes, make: Callable[[], K], kind: str = "factorization") -> tuple[K, bool]:
         """The object from the other source, and whether it was reused."""
         found, reused = self.source.get_or_make(key, make, kind)
-        if not reused or kind not in self.found:
+        if not reused or kind not in self.found:  # "made" stays, whatever is reused after it
             self.found[kind] = "reused" if reused else "made"
         return found, reused
 
@@ -88,6 +88,7 @@ def two_scale_factorization_of(
     In a session the plan depends only on the number of control points, the radius and the smoothing; so these, the
     points and the box identify the factorization.
     """
+    # the word separates these keys from those of factorizations in one scale
     digest = hashlib.sha256(repr(("two-scale", plan.support_radius, plan.smoothing, control_points.shape)).encode())
     digest.update(np.ascontiguousarray(box).data)
     digest.update(point_digest(control_points))
@@ -100,7 +101,7 @@ def operators_of(
     """The operator of each compact level at points (n, d), except the ``skipped`` rows (r,)."""
     if not levels:
         return ()
-    places = hashlib.sha256(point_digest(points))
+    places = hashlib.sha256(point_digest(points))  # once: all nodes take the longest to hash
     places.update(np.ascontiguousarray(skipped).data)
     found = []
     for level in levels:

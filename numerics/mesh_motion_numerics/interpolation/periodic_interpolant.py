@@ -59,7 +59,7 @@ _SAME_PLACE = 1e-12
 
 
 class _Group(NamedTuple):
-    """The generators of the images, and their sector if its angle is no whole fraction of a turn."""
+    """The generators of the images, and their sector if its angle is not a whole fraction of a turn."""
 
     generators: tuple[Transform, ...]
     sector: OpenSector | None

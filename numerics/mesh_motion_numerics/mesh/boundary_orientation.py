@@ -46,7 +46,7 @@ def overturned_place(
 
 
 def outer_nodes(facets: Mapping[str, Integers], reference: Floats) -> Marks:
-    """(n,) whether each node of a mesh (n, d) is on a part of the boundary that is no hole."""
+    """(n,) whether each node of a mesh (n, d) is on a part of the boundary that is not a hole."""
     found = np.zeros(len(reference) + 1, dtype=bool)  # the last one for the -1 of a triangle
     if facets:
         rows = of_one_width(facets)

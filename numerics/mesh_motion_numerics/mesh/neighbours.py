@@ -18,7 +18,7 @@ def connected(count: int, ones: Integers, others: Integers) -> Integers:
 
 
 def parts_of(rows: Integers, count: int) -> Integers:
-    """(r,) number of the connected part of each of the rows (r, w) of ``count`` nodes; −1 is no node."""
+    """(r,) number of the connected part of each of the rows (r, w) of ``count`` nodes; −1 is not a node."""
     ends = np.where(rows[:, 1:] >= 0, rows[:, 1:], rows[:, :1])
     starts = np.broadcast_to(rows[:, :1], ends.shape)
     labels = connected(count, starts.ravel(), ends.ravel())[rows[:, 0]]

@@ -1,4 +1,4 @@
-"""Sectors whose angle is no whole fraction of a turn: their images overlap after a turn, so only the near ones count.
+"""Sectors whose angle is not a whole fraction of a turn: images overlap after a turn, so only the near ones count.
 
 The images at k A, A the angle, belong to a staircase of sectors without end: those after a turn are at the same places
 as the first ones, but are not the first ones. An interpolation with compact support repeats exactly with such sectors
@@ -82,7 +82,7 @@ class OpenSector:
             degrees = math.degrees(self.angle)
             raise InvalidInput(
                 f"support_radius = {radius!r}: expected at most {self.largest_radius:.3g}, else the support reaches "
-                f"around the axis of the periodic sector of {degrees:.6g}°, which is no whole fraction of a turn",
+                f"around the axis of the periodic sector of {degrees:.6g}°, which is not a whole fraction of a turn",
                 code="INVALID_ARGUMENT.SETTINGS",
                 hint="leave it out, or take a smaller one",
                 details={"setting": "support_radius"},

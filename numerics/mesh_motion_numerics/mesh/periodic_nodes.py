@@ -94,7 +94,7 @@ class PeriodicNodes:
 
     @cached_property
     def open_sector(self) -> OpenSector | None:
-        """The sector whose angle is no whole fraction of a turn; None if there is none."""
+        """The sector whose angle is not a whole fraction of a turn; None if there is none."""
         return OpenSector.of(self.reference, self.generators)
 
     @property

@@ -8,9 +8,9 @@ from mesh_motion_numerics.arrays import Floats, Integers, Marks
 
 
 def padded(points: Floats) -> Floats:
-    """(n, 3) contiguous copy of (n, d) points; missing coordinates are zero."""
+    """(n, 3) contiguous array of (n, d) points, not to be written to; missing coordinates are zero."""
     n, d = points.shape
-    if d == 3:
+    if d == 3:  # no copy if the points are contiguous: they are the largest arrays of a mesh
         return np.ascontiguousarray(points, dtype=np.float64)
     out = np.zeros((n, 3))
     out[:, :d] = points

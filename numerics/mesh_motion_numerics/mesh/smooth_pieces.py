@@ -110,7 +110,7 @@ def of_one_width(facets: Mapping[str, Integers]) -> Integers:
 
 
 def all_marked(marks: Marks, facets: Integers) -> Marks:
-    """(f,) whether all nodes of each of the facets (f, w) are among the marked (n,) ones; −1 is no node."""
+    """(f,) whether all nodes of each of the facets (f, w) are among the marked (n,) ones; −1 is not a node."""
     return np.asarray((marks[facets] | (facets < 0)).all(axis=1))
 
 

@@ -188,11 +188,6 @@ class BoundaryLayer:
         )
 
 
-def held_with(held: Marks, layer: BoundaryLayer | None) -> Marks:
-    """The held (n,) nodes and those of a layer."""
-    return held if layer is None else held | layer.known
-
-
 def _shield(cells: CellTable, known: Marks, wall: Integers, layer: Integers) -> Shield:
     """The layer's nodes in cells with a node outside ``known`` (n,), and the wall's nodes that are in no such cell."""
     outside = marks_at(len(known), *(block.nodes[~known[block.nodes].all(axis=1)] for block in cells))

@@ -27,7 +27,7 @@ from mesh_motion_numerics.correction.trial_nodes import TrialMesh
 from mesh_motion_numerics.interpolation.factor_source import FactorSource, MakeEachTime, Recorded
 from mesh_motion_numerics.motion.acceptance import largest_accepted, other_unit, refuse_unacceptable, way_out
 from mesh_motion_numerics.motion.body_paths import Way, ways
-from mesh_motion_numerics.motion.boundary_layer import BoundaryLayer, held_with
+from mesh_motion_numerics.motion.boundary_layer import BoundaryLayer
 from mesh_motion_numerics.motion.crossing import NoMeshExists
 from mesh_motion_numerics.motion.motion_found import BoundaryDisplacement, Motion
 from mesh_motion_numerics.motion.motion_slope import DifferentiableMesh
@@ -324,7 +324,7 @@ class MotionModel(DifferentiableMesh):
         problem = CorrectionProblem(
             start=standard.start,
             standard=standard.points,
-            held=held_with(self.held, layer),
+            held=self.held_with(layer),
             cells=self.cells,
             reference_sizes=self.reference_sizes,
             factorization=standard.factorization,

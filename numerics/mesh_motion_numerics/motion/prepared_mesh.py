@@ -18,7 +18,7 @@ from mesh_motion_numerics.mesh.points import marks_at
 from mesh_motion_numerics.mesh.roles import BoundaryRoles, Patch
 from mesh_motion_numerics.method import Method
 from mesh_motion_numerics.motion.body_paths import Body, moving_bodies
-from mesh_motion_numerics.motion.boundary_layer import BoundaryLayer, held_with
+from mesh_motion_numerics.motion.boundary_layer import BoundaryLayer
 from mesh_motion_numerics.motion.contact_ahead import ContactAhead
 from mesh_motion_numerics.motion.crossing import PossibleCrossing
 from mesh_motion_numerics.motion.layered_walls import LayeredWalls
@@ -194,13 +194,17 @@ class PreparedMesh:
         bodies = tuple(body for body in found if body is not None)
         if not bodies:
             return None
-        held = held_with(self.held, layer)
+        held = self.held_with(layer)
         return Winding(self.points, self.roles.moving, held, simplices, layer, lambda: smooth.averages, bodies)
 
     def motion_with(self, layer: BoundaryLayer) -> StandardMotion:
         """The standard motion with this layer, which is mostly the whole layer of the walls."""
         whole = self.carrying_layers
         return whole if layer is whole.layer else self.standard_motion.with_layer(layer)
+
+    def held_with(self, layer: BoundaryLayer | None) -> Marks:
+        """The held nodes (n,) and those of this boundary layer."""
+        return self.held if layer is None else self.held | layer.known
 
     def constraint_with(self, layer: BoundaryLayer | None) -> BoundaryConstraint | None:
         """The constraint of the boundary nodes that are not in this boundary layer."""

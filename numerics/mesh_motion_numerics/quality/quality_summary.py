@@ -159,7 +159,7 @@ def judged_mesh(
         Without them it takes about half the time.
     limit : float
         Of :func:`~mesh_motion_numerics.quality.metrics.corner_quality`, for cells at rest; 0: no cell is returned.
-        Together this takes two thirds of the time of both functions, a third for cells that are no simplices.
+        Together this takes two thirds of the time of both functions, a third for cells that are not simplices.
 
     Returns
     -------

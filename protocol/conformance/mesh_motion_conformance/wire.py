@@ -34,7 +34,7 @@ KINDS: dict[str, tuple[type, ...]] = {
 
 
 class Malformed(Exception):
-    """Frames that are no message; ``section`` is the violated sentence."""
+    """Frames that are not a message; ``section`` is the violated sentence."""
 
     def __init__(self, section: str, text: str) -> None:
         super().__init__(f"SPEC {section}: {text}")

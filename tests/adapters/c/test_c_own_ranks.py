@@ -11,6 +11,7 @@ from itertools import product
 import numpy as np
 import pytest
 from far_meshes import far_block
+from frame_meshes import tensor_grid, without_unused
 from layered_grids import beyond_the_wall, grid, pitched
 from mesh_motion_client import Credentials, Mesh, Patch, connect
 from own_ranks import CORRECTED, SETTINGS, as_client, bend, in_pieces, on_ranks
@@ -44,18 +45,15 @@ def prefix(tmp_path_factory, tools, zmq_flags, c_kernels):
 
 def cube(side):
     low, high = side * 5 // 12, side * 7 // 12
-    i, j, k = np.meshgrid(*[np.arange(side)] * 3, indexing="ij")
-    own = ~np.all([(low <= a) & (a < high) for a in (i, j, k)], axis=0)
-    corners = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)]
-    place = np.stack([np.stack([i[own] + a, j[own] + b, k[own] + c], axis=-1) for a, b, c in corners], axis=1)
-    numbers = place @ [(side + 1) ** 2, side + 1, 1]
-    ids, cells = np.unique(numbers, return_inverse=True)
-    at = np.stack(np.unravel_index(ids, [side + 1] * 3), axis=-1)
+    points, cells = tensor_grid(*[np.arange(side + 1)] * 3)
+    middle = points[cells].mean(axis=1)
+    cells = cells[~((low < middle) & (middle < high)).all(axis=1)]
+    ids, (at, cells) = np.unique(cells), without_unused(points, cells)
     sides = {
         "body": Patch("moving", np.flatnonzero(((low <= at) & (at <= high)).all(axis=1))),
         "wall": Patch("fixed", np.flatnonzero(((at == 0) | (at == side)).any(axis=1))),
     }
-    return Mesh(at / side, {"hexahedron": cells.reshape(numbers.shape)}, sides), ids
+    return Mesh(at / side, {"hexahedron": cells}, sides), ids
 
 
 @pytest.fixture(scope="module")

@@ -1,4 +1,4 @@
-"""The decoder of the C client: the vectors, messages that are no reply, and hundreds of thousands of broken frames."""
+"""The C client's decoder: the vectors, messages that are not a reply, and hundreds of thousands of broken frames."""
 
 import json
 import subprocess

@@ -92,7 +92,7 @@ def test_flap_under_tip_load_swings_as_the_beam_does(flap):
 
 
 def test_windows_are_of_second_order(flap):
-    """Halving the window quarters the error: the load between two windows is no step."""
+    """Halving the window quarters the error: the load between two windows is not a step."""
     ends = []
     for windows in (8, 16, 32):
         solid = flap(folder=f"run-{windows}")

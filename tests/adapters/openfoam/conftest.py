@@ -4,12 +4,16 @@ import os
 import re
 import shutil
 import subprocess
+import time
 from dataclasses import dataclass, field
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
 from mesh_motion_client.embedded import EmbeddedServer
+
+from tests.faults.server_process import ServerProcess
 
 ADAPTER = Path(__file__).resolve().parents[3] / "adapters" / "openfoam"
 TUTORIAL = ADAPTER / "tutorial" / "pitchingPlate"
@@ -67,6 +71,13 @@ def mesh_motion_server():
     server.stop()
 
 
+@pytest.fixture
+def own_server():
+    """A server that a test may kill."""
+    with TemporaryDirectory() as folder, ServerProcess(Path(folder), endpoint=f"ipc://{folder}/control") as server:
+        yield server  # the folder's path is short, as the path of a socket must be
+
+
 @dataclass
 class Case:
     folder: Path
@@ -101,6 +112,13 @@ class Case:
 
     def start(self, *command, log):
         return subprocess.Popen(command, cwd=self.folder, env=self.environment, stdout=log, stderr=log)
+
+    def wait_for(self, solver, words, pause=0.01):
+        """Wait until a program that runs has written words to the file ``log``."""
+        log = self.folder / "log"
+        while words not in log.read_text():
+            assert solver.poll() is None, log.read_text()[-3000:]
+            time.sleep(pause)
 
     def check_ranks(self, time, expected, ranks=2, atol=1e-10):
         """Check that the points written by the ranks are those of the whole mesh."""

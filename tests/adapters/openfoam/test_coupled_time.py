@@ -2,17 +2,12 @@
 preCICE.
 """
 
-import contextlib
 import re
 import signal
-import tempfile
-import time
 from pathlib import Path
 
 import numpy as np
 import pytest
-
-from tests.faults.server_process import ServerProcess
 
 PATIENCE = 240.0
 SOURCE = Path(__file__).with_name("scripted_coupling.C")
@@ -167,30 +162,23 @@ def test_a_refused_sub_step_may_be_followed_by_a_better_iteration(coupled, ranks
         np.testing.assert_allclose(case.points("0.2"), once.points("0.2"), rtol=0, atol=1e-14)
 
 
-def test_a_server_that_is_killed_within_a_window_comes_back(coupled):
+def test_a_server_that_is_killed_within_a_window_comes_back(coupled, own_server):
     """Its second iteration is repeated by a new server; steps and nodes are those of a run that nothing disturbed."""
-    with contextlib.ExitStack() as stack:
-        folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))  # short, for the path of a socket
-        server = stack.enter_context(ServerProcess(folder, endpoint=f"ipc://{folder}/control"))
-        wait = "timeout 2; computeTimeout 5; onServerLoss wait 200;"
-        calm, case = (coupled(name, "1.5 0.7 1", 2, 8, method=wait) for name in ("calm", "case"))
-        case.environment["MESH_MOTION_ENDPOINT"] = calm.environment["MESH_MOTION_ENDPOINT"] = server.endpoint
-        log = case.folder / "log"
-        with log.open("w") as out:
-            solver = case.start("moveDynamicMesh", log=out)
-            while "step 2, iteration 7:" not in log.read_text():
-                assert solver.poll() is None, log.read_text()[-3000:]
-                time.sleep(0.005)
-            server.stop(signal.SIGKILL)
-            while "waiting 200 s for the server" not in log.read_text():
-                assert solver.poll() is None, log.read_text()[-3000:]
-                time.sleep(0.05)
-            server.start()
-            assert solver.wait(PATIENCE) == 0, log.read_text()[-3000:]
-        output = calm.run("moveDynamicMesh")
-        assert max(steps(log.read_text())) == max(steps(output)) == (8, 18)
-        np.testing.assert_array_equal(case.points("0.8"), calm.points("0.8"))
-        assert committed(case, "0.8") == committed(calm, "0.8")
+    wait = "timeout 2; computeTimeout 5; onServerLoss wait 200;"
+    calm, case = (coupled(name, "1.5 0.7 1", 2, 8, method=wait) for name in ("calm", "case"))
+    case.environment["MESH_MOTION_ENDPOINT"] = calm.environment["MESH_MOTION_ENDPOINT"] = own_server.endpoint
+    log = case.folder / "log"
+    with log.open("w") as out:
+        solver = case.start("moveDynamicMesh", log=out)
+        case.wait_for(solver, "step 2, iteration 7:", 0.005)
+        own_server.stop(signal.SIGKILL)
+        case.wait_for(solver, "waiting 200 s for the server", 0.05)
+        own_server.start()
+        assert solver.wait(PATIENCE) == 0, log.read_text()[-3000:]
+    output = calm.run("moveDynamicMesh")
+    assert max(steps(log.read_text())) == max(steps(output)) == (8, 18)
+    np.testing.assert_array_equal(case.points("0.8"), calm.points("0.8"))
+    assert committed(case, "0.8") == committed(calm, "0.8")
 
 
 def test_a_refused_last_iteration_ends_the_run(coupled):

@@ -3,14 +3,11 @@
 The case that adapters/openfoam/README.md begins with.
 """
 
-import contextlib
 import os
 import re
 import shutil
 import signal
-import tempfile
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -202,73 +199,61 @@ def test_a_server_that_is_not_there(make_case, tmp_path):
     ("waits", "ranks"),
     [(False, 1), pytest.param(True, 1, marks=pytest.mark.nightly), pytest.param(True, 2, marks=pytest.mark.nightly)],
 )
-def test_a_server_that_is_killed(make_case, waits, ranks):
-    with contextlib.ExitStack() as stack:
-        folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))  # short, for the path of a socket
-        server = stack.enter_context(ServerProcess(folder, endpoint=f"ipc://{folder}/control"))
-        case = make_case(endpoint=server.endpoint)
-        # one that is to fail has 2000 steps: a busy machine may make forty before the server is killed
-        steps = {"endTime": "0.08", "writeInterval": "40"} if waits else {"endTime": "4", "writeInterval": "4000"}
-        case.set("system/controlDict", deltaT="0.002", writePrecision="17", **steps)
-        case.method("", f"timeout 2; computeTimeout 5; onServerLoss {'wait 200' if waits else 'fail'};")
-        command = ["moveDynamicMesh"]
-        if ranks == 2:
-            case.run("decomposePar")
-            command = ["mpirun", "--oversubscribe", "-np", "2", *command, "-parallel"]
-        log = case.folder / "log"
-        with log.open("w") as out:
-            solver = case.start(*command, log=out)
-            while "step 3, iteration 1" not in log.read_text():
-                assert solver.poll() is None, log.read_text()[-3000:]
-                time.sleep(0.01)
-            server.stop(signal.SIGKILL)
-            if waits:
-                while "waiting 200 s for the server" not in log.read_text():
-                    assert solver.poll() is None, log.read_text()[-3000:]
-                    time.sleep(0.05)
-                server.start()
-            assert (solver.wait(PATIENCE) == 0) == waits, log.read_text()[-3000:]
+def test_a_server_that_is_killed(make_case, waits, ranks, own_server):
+    case = make_case(endpoint=own_server.endpoint)
+    # one that is to fail has 2000 steps: a busy machine may make forty before the server is killed
+    steps = {"endTime": "0.08", "writeInterval": "40"} if waits else {"endTime": "4", "writeInterval": "4000"}
+    case.set("system/controlDict", deltaT="0.002", writePrecision="17", **steps)
+    case.method("", f"timeout 2; computeTimeout 5; onServerLoss {'wait 200' if waits else 'fail'};")
+    command = ["moveDynamicMesh"]
+    if ranks == 2:
+        case.run("decomposePar")
+        command = ["mpirun", "--oversubscribe", "-np", "2", *command, "-parallel"]
+    log = case.folder / "log"
+    with log.open("w") as out:
+        solver = case.start(*command, log=out)
+        case.wait_for(solver, "step 3, iteration 1")
+        own_server.stop(signal.SIGKILL)
         if waits:
-            assert "step 40, iteration 3" in log.read_text()
-            other = make_case("undisturbed", endpoint=server.endpoint)
-            shutil.copy(case.folder / "system/controlDict", other.folder / "system/controlDict")
-            other.method("")
-            other.run("moveDynamicMesh")
-            if ranks == 2:
-                case.check_ranks("0.08", other.points("0.08"))
-            else:
-                np.testing.assert_array_equal(case.points("0.08"), other.points("0.08"))
+            case.wait_for(solver, "waiting 200 s for the server", 0.05)
+            own_server.start()
+        assert (solver.wait(PATIENCE) == 0) == waits, log.read_text()[-3000:]
+    if waits:
+        assert "step 40, iteration 3" in log.read_text()
+        other = make_case("undisturbed", endpoint=own_server.endpoint)
+        shutil.copy(case.folder / "system/controlDict", other.folder / "system/controlDict")
+        other.method("")
+        other.run("moveDynamicMesh")
+        if ranks == 2:
+            case.check_ranks("0.08", other.points("0.08"))
         else:
-            assert "FOAM FATAL ERROR" in log.read_text()
-            assert re.search(r"the mesh-motion server at ipc://\S+ could not be asked", log.read_text())
-            waits_for = "no server answers; waiting 2 s for the server at ipc://"
-            assert waits_for in log.read_text() or "(UNAVAILABLE" in log.read_text()  # its gateway may die last
-            assert "asking for" not in log.read_text()  # the library's half an hour
-            assert "hint: with the entry 'onServerLoss wait 600;'" in log.read_text()
+            np.testing.assert_array_equal(case.points("0.08"), other.points("0.08"))
+    else:
+        assert "FOAM FATAL ERROR" in log.read_text()
+        assert re.search(r"the mesh-motion server at ipc://\S+ could not be asked", log.read_text())
+        waits_for = "no server answers; waiting 2 s for the server at ipc://"
+        assert waits_for in log.read_text() or "(UNAVAILABLE" in log.read_text()  # its gateway may die last
+        assert "asking for" not in log.read_text()  # the library's half an hour
+        assert "hint: with the entry 'onServerLoss wait 600;'" in log.read_text()
 
 
 @pytest.mark.slow
-def test_a_server_that_is_killed_within_a_move(make_case):
+def test_a_server_that_is_killed_within_a_move(make_case, own_server):
     """The run ends after `timeout`, long before `computeTimeout`."""
-    with contextlib.ExitStack() as stack:
-        folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))  # short, for the path of a socket
-        server = stack.enter_context(ServerProcess(folder, endpoint=f"ipc://{folder}/control"))
-        case = make_case(endpoint=server.endpoint)
-        case.set("system/controlDict", deltaT="0.002", endTime="4", writeInterval="4000")
-        case.method("", "timeout 3;")
-        log = case.folder / "log"
-        with log.open("w") as out:
-            solver = case.start("moveDynamicMesh", log=out)
-            while "step 3, iteration 1" not in log.read_text():
-                assert solver.poll() is None, log.read_text()[-3000:]
-                time.sleep(0.01)
-            for worker in server.workers():
-                os.kill(worker, signal.SIGSTOP)
-            time.sleep(1.0)  # the run asks, and nothing answers
-            server.stop(signal.SIGKILL)
-            assert solver.wait(60.0) != 0
-        assert "FOAM FATAL ERROR" in log.read_text()
-        assert re.search(r"server at ipc://\S+ could not be asked to go on: .+", log.read_text())
+    case = make_case(endpoint=own_server.endpoint)
+    case.set("system/controlDict", deltaT="0.002", endTime="4", writeInterval="4000")
+    case.method("", "timeout 3;")
+    log = case.folder / "log"
+    with log.open("w") as out:
+        solver = case.start("moveDynamicMesh", log=out)
+        case.wait_for(solver, "step 3, iteration 1")
+        for worker in own_server.workers():
+            os.kill(worker, signal.SIGSTOP)
+        time.sleep(1.0)  # the run asks, and nothing answers
+        own_server.stop(signal.SIGKILL)
+        assert solver.wait(60.0) != 0
+    assert "FOAM FATAL ERROR" in log.read_text()
+    assert re.search(r"server at ipc://\S+ could not be asked to go on: .+", log.read_text())
 
 
 def test_a_server_with_keys(make_case, tmp_path):

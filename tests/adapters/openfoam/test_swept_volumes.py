@@ -51,7 +51,7 @@ def test_plane_faces_sweep_what_openfoam_says(tmp_path, program):
 
 @pytest.mark.nightly
 def test_triangles_sweep_what_openfoam_says(tmp_path, program):
-    """Quads with corners outside a plane differ: both values are right for their own cells."""
+    """A quad whose corners are not in one plane has another volume here and there: each is right for its own cells."""
     numbers = np.random.default_rng(6)
     case = FoamCase.new(tmp_path / "prisms", PRISMS)
     before, after, faces, theirs = moved_by_openfoam(

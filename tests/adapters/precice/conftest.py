@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from frame_meshes import tensor_grid, without_unused
 from mesh_motion_client import Mesh, Patch
 
 HERE = Path(__file__).parent
@@ -17,17 +18,10 @@ MOTION = [[0.05, 0.02], [-0.03, 0.04]]
 
 
 def square_with_block():
-    axis = np.arange(SIDE + 1)
-    x, y = (values.ravel() for values in np.meshgrid(axis, axis, indexing="xy"))
-    inside = (x > LOW) & (x < HIGH) & (y > LOW) & (y < HIGH)
-    number = np.where(inside, -1, np.cumsum(~inside) - 1)
-    at = lambda i, j: number[i + (SIDE + 1) * j]  # noqa: E731
-    cells = []
-    for j in range(SIDE):
-        for i in range(SIDE):
-            if not (LOW <= i < HIGH and LOW <= j < HIGH):
-                cells += [(at(i, j), at(i + 1, j), at(i + 1, j + 1)), (at(i, j), at(i + 1, j + 1), at(i, j + 1))]
-    x, y = x[~inside], y[~inside]
+    points, quads = tensor_grid(*[np.arange(SIDE + 1)] * 2)
+    middle = points[quads].mean(axis=1)
+    points, quads = without_unused(points, quads[~((middle > LOW) & (middle < HIGH)).all(axis=1)])
+    y, x = points.T  # x fastest
     on_block = (x >= LOW) & (x <= HIGH) & (y >= LOW) & (y <= HIGH)
     middle = (LOW + HIGH) // 2
     patches = {
@@ -35,7 +29,7 @@ def square_with_block():
         "lower": np.flatnonzero(on_block & (y <= middle)),
         "upper": np.flatnonzero(on_block & (y >= middle)),  # two nodes lie on both
     }
-    return np.stack([x, y], axis=1) / SIDE, np.array(cells), patches
+    return np.stack([x, y], axis=1) / SIDE, quads[:, [[0, 3, 2], [0, 2, 1]]].reshape(-1, 3), patches
 
 
 @pytest.fixture(scope="session")

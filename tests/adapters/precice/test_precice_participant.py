@@ -332,7 +332,7 @@ def test_connectivity_is_given_where_a_mapping_uses_it(stub, square, case):
     ("mesh", "change", "words"),
     [
         ("Lower", {"data": ["Displacements"]}, "Data .Displacement. is unknown"),
-        ("Lower", {"scalar": "Displacement"}, "the data 'Displacement' is no vector"),
+        ("Lower", {"scalar": "Displacement"}, "the data 'Displacement' is not a vector"),
         ("Volume", {"read_only": ["NodeDisplacement"]}, "attempted to write"),
     ],
 )

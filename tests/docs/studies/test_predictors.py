@@ -30,6 +30,17 @@ def test_an_affine_displacement_is_predicted_exactly(name, kind):
     np.testing.assert_array_equal(predicted.inverted, actual.inverted)
 
 
+def test_node_numbers_may_be_large():
+    """Keys of edges are products of node numbers, which are 32 bits long."""
+    unused, mesh = 60_000, box_mesh("tetra", 5)
+    points = np.vstack([np.zeros((unused, 3)), mesh.points])
+    cells = CellTable.from_arrays({"tetra": mesh.cells.blocks[0].nodes + unused})
+    field = CallableField(lambda x: 0.1 * x**2, lambda x: 0.2 * x[:, :, None] * np.eye(3))
+    found = predict("edge-midpoint-gradient", points, cells, mesh.sizes, field)
+    expected = predict("edge-midpoint-gradient", mesh.points, mesh.cells, mesh.sizes, field)
+    np.testing.assert_array_equal(found.skew, expected.skew)
+
+
 def interpolated() -> tuple[np.ndarray, CellTable, np.ndarray, InterpolantField]:
     mesh = box_mesh("tetra", 6)
     control = mesh.points[::7]

@@ -25,16 +25,16 @@ from mesh_motion_numerics.method import Method
 from mesh_motion_numerics.motion.motion import MotionModel
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
-from two_scale_boundaries import boundary, graded_circle, graded_sphere, sphere, square, walls
+from two_scale_boundaries import boundary, graded_circle, graded_sphere, sphere, walls
 
 Floats = NDArray[np.float64]
 
 CASES = {
     "3D": boundary(sphere(1500, 0.15), walls(12)),
-    "2D, spacing × 30": boundary(graded_circle(900, 30.0), square(40)),
+    "2D, spacing × 30": boundary(graded_circle(900, 30.0), walls(40, 2)),
     "3D, spacing × 30": boundary(graded_sphere(4000, 30.0), walls(12)),
     "3D, domain of 50 bodies": boundary(sphere(1200, 0.01), walls(10)),
-    "2D, domain of 50 bodies": boundary(0.5 + 0.1 * (graded_circle(900, 1.0) - 0.5), square(40)),
+    "2D, domain of 50 bodies": boundary(0.5 + 0.1 * (graded_circle(900, 1.0) - 0.5), walls(40, 2)),
 }
 
 

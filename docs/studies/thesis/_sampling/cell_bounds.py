@@ -16,7 +16,7 @@ Ints = NDArray[np.int64]
 
 def bounded_quality(
     points: Floats,
-    nodes: Ints,
+    nodes: NDArray[np.integer],
     reference: Floats,
     group: Ints,
     groups: Groups,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -50,7 +51,7 @@ def group_points(points: Floats, size: int) -> Groups:
     return group_cells(points, [np.arange(len(points))[:, None]], size)
 
 
-def group_cells(points: Floats, blocks: list[Ints], size: int) -> Groups:
+def group_cells(points: Floats, blocks: Sequence[NDArray[np.integer]], size: int) -> Groups:
     """Groups of cells, given as blocks of node numbers (m_b, n_b) at points (n, d); balls contain whole cells."""
     order = np.argsort(morton_codes(np.concatenate([points[nodes].mean(axis=1) for nodes in blocks])), kind="stable")
     starts = np.append(np.arange(0, len(order), size), len(order)).astype(np.int64)

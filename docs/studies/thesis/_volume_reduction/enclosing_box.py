@@ -52,7 +52,7 @@ class BoxField:
     fade : float, mesh length unit
         Depth below the surface beyond which nothing is faded out.
     inner : callable
-        The interpolated field inside.
+        The interpolated field inside the box.
     """
 
     low: Floats

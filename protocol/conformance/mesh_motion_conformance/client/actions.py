@@ -145,7 +145,7 @@ def foreign_first(at: Arrival) -> None:
 
 
 def garbage(at: Arrival) -> None:
-    """Frames that are no message, in hexadecimal: ``frames``."""
+    """Frames that are not a message, in hexadecimal: ``frames``."""
     at.executed()
     at.put([bytes.fromhex(frame) for frame in at.given["frames"]])
 

@@ -17,7 +17,7 @@ __all__ = ["offences"]
 def offences(request: Message) -> list[str]:
     """List all faults of a request."""
     if request.kind not in tables().requests:
-        return [f"{request.kind} is no request"]
+        return [f"{request.kind} is not a request"]
     found = list(_fields(request)) + list(_arrays(request))
     if request.sequence < 1:
         found.append("sequence must be 1 or more")

@@ -24,7 +24,7 @@ def no_delimiter_frame(stage: Stage) -> None:
 
 @suite("2.1")
 def delimiter_frame_is_no_header(stage: Stage) -> None:
-    """An empty frame before frame 0 is not a delimiter: it is read as frame 0, and is no header."""
+    """An empty frame before frame 0 is not a delimiter: it is read as frame 0, and is not a header."""
     line = stage.line()
     stage.put(line, [b"", *Request("PING").frames(line.client, 1)])
     refused(line.receive(), "INVALID_ARGUMENT.HEADER")

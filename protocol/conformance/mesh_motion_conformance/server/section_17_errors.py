@@ -51,7 +51,7 @@ def _replies() -> Rows:
 
 @suite("12", _replies)
 def replies_as_requests(stage: Stage, kind: str, place: str) -> None:
-    """A reply is no request, and is refused."""
+    """A reply is not a request, and is refused."""
     reply = stage.ask(Request(kind, {}), _line(stage, place))
     refused(reply, "UNIMPLEMENTED.MESSAGE", "INVALID_ARGUMENT.HEADER")
 

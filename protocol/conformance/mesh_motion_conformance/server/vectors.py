@@ -1,4 +1,4 @@
-"""The golden vectors, sent to a server: frames that are no message are refused with the vector's code, others are not.
+"""The golden vectors, sent to a server: frames that are not a message are refused with the vector's code, others not.
 
 They are read from ``mesh_motion_protocol/vectors``, which are part of SPEC.md; nothing else of that package is used.
 """
@@ -51,7 +51,7 @@ def _refuse(stage: Stage, vector: dict[str, Any], at_data: bool) -> None:
 
 @suite.family(_refuse)
 def invalid() -> Iterator[tuple[Any, ...]]:
-    """Frames that are no message."""
+    """Frames that are not a message."""
     for vector in load_vectors("invalid"):
         kind = _kind(vector["frames"])
         if _is_request(kind):
