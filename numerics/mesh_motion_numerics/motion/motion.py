@@ -199,8 +199,16 @@ class MotionModel(DifferentiableMesh):
 
     def _finish(self, step: _Step, predicted: _Predicted, watch: Stopwatch) -> Motion:
         """Correct an interpolated mesh, judge it again and accept it."""
-        correction = self._correct(step, predicted, watch)
-        return self._accept(predicted, correction, watch)
+        motion, sliding = self._accept(predicted, self._correct(step, predicted, watch), watch), predicted.motion.sliding
+        if motion.reached or sliding is None or self.method.correction != "optimised":
+            return motion
+        # nodes that have slid on a round wall can be where no iterations lead to the threshold
+        held = self._predict(replace(predicted.motion, sliding=sliding.held()), step, watch)
+        try:
+            other = self._accept(held, self._correct(step, held, watch), watch)
+        except QualityRefused:
+            return motion
+        return max(motion, other, key=lambda one: one.corrected.metric.min)
 
     def _smooth_or_optimised(self, step: _Step, smooth: SmoothMotion) -> Motion:
         """The smooth motion; if it finds no mesh, the motion with the correction that reaches most, with a warning.
