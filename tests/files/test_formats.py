@@ -520,7 +520,12 @@ def test_med_and_exodus_files_that_do_not_fit(tmp_path: Path) -> None:
         (abaqus, "NSET=Nall", "NSET=Nall, SYSTEM=C", "SYSTEM=C, expected Cartesian"),
         (abaqus, "*STEP", "*INSTANCE, NAME=a, PART=p\n1, 0, 0\n*STEP", "'a' is moved to its place"),
         (abaqus, "*STEP", "*INSTANCE, NAME=a, PART=p\n*INSTANCE, NAME=b, PART=p\n*STEP", "'b' follows 'a', but one"),
-        (abaqus, "*MATERIAL", "*SURFACE, NAME=all\nEall,\n*MATERIAL", "'Eall' without a side; name its sides S1, S2"),
+        (
+            abaqus,
+            "*MATERIAL",
+            "*SURFACE, NAME=all, COMBINE=UNION\na, b\n*MATERIAL",
+            "COMBINE=UNION of other surfaces; list",
+        ),
         (
             abaqus,
             "*MATERIAL",
@@ -626,8 +631,8 @@ def test_what_abaqus_and_calculix_allow_in_an_input(tmp_path: Path) -> None:
     expected = {"wall": "wall", "far": "far", "of far": "far", "my sides": "sides", "all2": "sides"}
     assert lists(mesh.patches) == {name: PATCHES[of].tolist() for name, of in expected.items()}
     assert mesh.notes == ("its elements of type SPRINGA are not read",)
-    with pytest.raises(InvalidInput, match=r"27 of its nodes are in files that it includes"):
-        write_mesh(tmp_path / "moved.inp", mesh)
+    write_mesh(tmp_path / "moved.inp", replace(mesh, points=POINTS + 1))
+    assert np.array_equal(read_mesh(tmp_path / "moved.inp").points, POINTS + 1)
     (tmp_path / "plate.inp").write_text(
         "*NODE\n1, 0, 0\n2, 1, 0\n3, 0, 1\n4, .5, 0\n5, .5, .5\n6, 0, .5\n *ELEMENT, TYPE=STRI65\n1, 1, 2, 3, 4, 5, 6\n"
     )
@@ -772,9 +777,11 @@ def test_abaqus_input_in_several_files(tmp_path: Path) -> None:
     deck.write_text("*INCLUDE, INPUT=all.msh\n*include, input=sets.nam\n*STEP\n*END STEP\n")
     mesh = read_mesh(deck)
     assert lists(mesh.patches) == {key: nodes.tolist() for key, nodes in PATCHES.items()}
-    with pytest.raises(InvalidInput, match=r"27 of its nodes are in files that it includes \(name the file with"):
-        write_mesh(tmp_path / "moved.inp", mesh)
-    assert not (tmp_path / "moved.inp").exists()
+    (other := tmp_path / "other").mkdir()
+    write_mesh(other / "moved.inp", replace(mesh, points=POINTS + 1))  # one file: the included ones are not there
+    moved = read_mesh(other / "moved.inp")
+    assert np.array_equal(moved.points, POINTS + 1)
+    assert lists(moved.patches) == lists(mesh.patches)
     for name, reason in (
         ("../other.inp", "not in its folder"),
         ("deck.inp", "included twice"),
@@ -1245,16 +1252,51 @@ def test_surfaces_of_shells_in_abaqus(tmp_path: Path, solid: str, side: str, exp
     assert {name: nodes.tolist() for name, nodes in found.items()} == expected
 
 
-def test_coordinates_of_zero_that_abaqus_leaves_out_come_back(tmp_path: Path) -> None:
-    (tmp_path / "m.inp").write_text(
-        "*NODE\n1\n2, 1.\n** y\n3, 0., 1.,\n4, 0, 0, 1\n*ELEMENT, TYPE=C3D4\n1, 1, 2, 3, 4\n*NSET, NSET=foot\n1\n"
-    )
+_TETRA = "*ELEMENT, TYPE=C3D4\n1, 1, 2, 3, 4\n"
+_CORNERS = "1, 0., 0., 0.\n2, 1., 0., 0.\n3, 0., 1., 0.\n4, 0., 0., 1.\n"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "*NODE\n1\n2, 1.\n** y\n3, 0., 1.,\n4, 0, 0, 1\n*ELEMENT, TYPE=C3D4\n1, 1, 2, 3, 4\n*NSET, NSET=foot\n1\n",
+        f"*NODE\n{_CORNERS.replace('0.', ' ')}{_TETRA}*NSET, NSET=foot\n1\n",
+        f"*NODE,\n NSET=all,\n** its\n SYSTEM=R\n{_CORNERS}{_TETRA}*NSET,\n NSET=foot,\n GENERATE\n1\n",
+        f"* Node , nset = all\n{_CORNERS}{_TETRA}* NSet , NSet = foot\n1,\n",
+        f"*NODE,\n INPUT=nodes.txt\n{_TETRA}*NSET, NSET=foot\n1\n",
+        f"*INCLUDE,\n INPUT=nodes.inp\n{_TETRA}*NSET, NSET=foot\n1\n",
+    ],
+    ids=["left out", "blank", "continued", "blanks in keywords", "of a file", "included"],
+)
+def test_the_ways_of_abaqus_to_list_nodes_come_back(tmp_path: Path, text: str) -> None:
+    (tmp_path / "nodes.txt").write_text(_CORNERS)
+    (tmp_path / "nodes.inp").write_text(f"*NODE\n{_CORNERS}")
+    (tmp_path / "m.inp").write_text(text)
     mesh = read_mesh(tmp_path / "m.inp")
     np.testing.assert_array_equal(mesh.points, [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
     write_mesh(tmp_path / "moved.inp", replace(mesh, points=mesh.points + 1 / 3))
     after = read_mesh(tmp_path / "moved.inp")
     np.testing.assert_array_equal(after.points, mesh.points + 1 / 3)
     assert lists(after.patches) == {"foot": [0]}
+
+
+def test_names_in_abaqus_are_the_same_in_upper_and_lower_case(tmp_path: Path) -> None:
+    part = f"*PART, NAME=P\n*NODE\n{_CORNERS}{_TETRA}*END PART\n*ASSEMBLY, NAME=A\n*INSTANCE, NAME=P-1, PART=P\n"
+    sets = "*END INSTANCE\n*NSET, NSET=Foot\n1\n*NSET, NSET=FOOT\np-1.2\n*NSET, NSET=all\nfoot, 3\n"
+    (tmp_path / "m.inp").write_text(part + sets)
+    assert lists(read_mesh(tmp_path / "m.inp").patches) == {"Foot": [0, 1], "all": [0, 1, 2]}
+
+
+def test_a_surface_of_abaqus_without_sides_is_what_is_outside(tmp_path: Path) -> None:
+    """Two tetrahedra with a common face: the sides of the first one are its other three."""
+    (tmp_path / "m.inp").write_text(
+        f"*NODE\n{_CORNERS}5, 1., 1., 1.\n{_TETRA}2, 2, 3, 4, 5\n*SURFACE, NAME=s\n2,\n*ELSET, ELSET=e\n1\n"
+    )
+    assert lists(read_mesh(tmp_path / "m.inp").patches) == {"s": [1, 2, 3, 4]}
+    square = "1, 0, 0\n2, 1, 0\n3, 1, 1\n4, 0, 1\n5, 2, 0\n6, 2, 1\n7, 3, 0\n8, 3, 1\n"
+    cells = "1, 1, 2, 3, 4\n2, 2, 5, 6, 3\n3, 5, 7, 8, 6\n"
+    (tmp_path / "m.inp").write_text(f"*NODE\n{square}*ELEMENT, TYPE=CPS4, ELSET=V\n{cells}*SURFACE, NAME=s\n1\n")
+    assert lists(read_mesh(tmp_path / "m.inp").patches) == {"s": [0, 1, 2, 3]}
 
 
 def _curved_edge(ends: str) -> list[float]:
