@@ -614,6 +614,26 @@ def test_geometries_and_nested_parts_of_kratos(tmp_path: Path) -> None:
     assert "body" not in mesh.patches
 
 
+def test_comments_and_lines_of_kratos(tmp_path: Path) -> None:
+    """Kratos reads words, not lines, and comments over several lines; checked with Kratos 10.4."""
+    (tmp_path / "m.mdpa").write_text(
+        "/* of\nBegin Nodes\n*/\nBegin Nodes\n1 0 0 0 /* one */\n2 1 0 0 // two\n/* 9 9 9 9 */\n3 1\n1 0 4 0 1 0\n"
+        "End Nodes\nBegin Elements Element2D4N\n1 0 1 2\n3 4\nEnd Elements\nBegin Conditions LineCondition2D2N\n"
+        "1 0 1 2 2 0\n2 3\nEnd Conditions\nBegin SubModelPart a\nBegin SubModelPart b\n"
+        "Begin SubModelPartConditions\n1 2\nEnd SubModelPartConditions\nEnd SubModelPart\nEnd SubModelPart\n"
+    )
+    mesh = read_mesh(tmp_path / "m.mdpa")
+    assert mesh.points.tolist() == [[0, 0], [1, 0], [1, 1], [0, 1]]
+    assert lists(mesh.cells) == {"quad": [[0, 1, 2, 3]]}
+    assert lists(mesh.patches) == {"a.b": [0, 1, 2]}
+    write_mesh(tmp_path / "moved.mdpa", replace(mesh, points=mesh.points + 1 / 3))
+    moved = (tmp_path / "moved.mdpa").read_text()
+    assert read_mesh(tmp_path / "moved.mdpa").points.tolist() == (mesh.points + 1 / 3).tolist()
+    assert all(comment in moved for comment in ("/* of\nBegin Nodes\n*/", "/* one */", "// two", "/* 9 9 9 9 */"))
+    (tmp_path / "m.mdpa").write_text("Begin Nodes\n1 0 0\nEnd Nodes\n")
+    one_line(tmp_path / "m.mdpa", "block 'Nodes' in line 1: 3 numbers, expected four for each node")
+
+
 def test_what_abaqus_and_calculix_allow_in_an_input(tmp_path: Path) -> None:
     abaqus(path := tmp_path / "box.inp")
     text = path.read_text()
