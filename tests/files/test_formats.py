@@ -787,6 +787,16 @@ def test_elmer_folders_that_do_not_fit_and_calculix_input_whatever_it_is_called(
     assert sorted(read_mesh(tmp_path / "all.msh").patches) == ["far", "sides", "wall"]
 
 
+@pytest.mark.parametrize("name", ["box.mesh", "box.ugrid", "box_elmer/mesh.nodes", "box.mdpa", "box.inp", "box.vol"])
+def test_exponents_of_fortran(tmp_path: Path, name: str) -> None:
+    of = tmp_path / Path(name).parts[0]
+    WRITERS[of.name](of)
+    text = (tmp_path / name).read_text()
+    (tmp_path / name).write_text(re.sub(r"(?<![\d.])0\.7(?=[\s,])", "7.0D-01", text))
+    assert "7.0D-01" in (tmp_path / name).read_text()
+    np.testing.assert_array_equal(read_mesh(of).points, POINTS)
+
+
 def test_abaqus_input_in_several_files(tmp_path: Path) -> None:
     """Like preCICE's tutorials: a deck includes the mesh and the sets, only from its folder, and each file once."""
     abaqus(tmp_path / "whole.inp")

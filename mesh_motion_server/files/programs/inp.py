@@ -183,7 +183,7 @@ def _add_nodes(found: _Content, given: dict[str, str], lines: list[str]) -> None
         raise ValueError(f"SYSTEM={given['SYSTEM']}, expected Cartesian coordinates")
     rows = [[word.strip() for word in line.split(",")] for line in lines]
     found.numbers.append(np.array([integer(row[0]) for row in rows], dtype=np.int64))
-    xyz = [[_real(word or "0") for word in (row[1:4] + [""] * 3)[:3]] for row in rows]  # blank ones are zero
+    xyz = [[real(word or "0") for word in (row[1:4] + [""] * 3)[:3]] for row in rows]  # blank ones are zero
     found.points.append(np.array(xyz, dtype=np.float64).reshape(-1, 3))
     found.of_nodes.add(given.get("NSET", ""))
     found.node_sets[given.get("NSET", "")] += found.numbers[-1].tolist()
@@ -201,11 +201,6 @@ def _add_surface(found: _Content, given: dict[str, str], lines: list[str]) -> No
 
 def _words(line: str) -> list[str]:
     return [word.strip().strip('"') for word in line.split(",") if word.strip()]
-
-
-def _real(word: str) -> float:
-    """A number, of which Fortran may have written the exponent: 1.5D-3."""
-    return real(word.upper().replace("D", "E"))
 
 
 def _plain(found: _Content, word: str) -> str:

@@ -223,7 +223,7 @@ def _real(word: str) -> float:
     try:
         return real(word or "0")
     except ValueError:
-        return real(_EXPONENT.sub("E", word.upper().replace("D", "E")) if "E" not in word.upper() else word)
+        return real(word if {*"dDeE"} & {*word} else _EXPONENT.sub("E", word))
 
 
 def _content(lines: list[bytes]) -> _Content:

@@ -114,7 +114,7 @@ def _content(lines: list[str]) -> _Content:
 def _node(found: _Content, lines: list[str], place: int, count: int) -> int:
     words = lines[place].split()
     xyz = words[4:7] if count == 1 else lines[place + 1].split()[:3]
-    values = [real(word.upper().replace("D", "E")) for word in xyz]
+    values = [real(word) for word in xyz]
     if len(values) != 3:
         raise ValueError(f"a node of {len(values)} coordinates, expected 3")
     found.numbers.append(integer(words[0]))
