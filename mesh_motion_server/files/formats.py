@@ -141,6 +141,7 @@ FORMATS: tuple[Format, ...] = (
     _named("a geometry (IGES)", (".iges", ".igs"), rb"\A.{72}S\s*1\s", _MESHED),
     _named("a geometry (BREP)", (".brep", ".brp"), rb"\A\s*(DBRep_DrawableShape|CASCADE Topology)", _MESHED),
     _named("a geometry of Netgen", (".in2d", ".geo"), rb"\A(\s|#.*\n)*(splinecurves|algebraic3d)", _IN_NETGEN),
+    _named("a file of an Elmer folder", (".header", ".nodes", ".elements", ".boundary"), rb"(?!)", "give its folder"),
     _named(
         "a neutral mesh of Netgen",
         (".mesh",),

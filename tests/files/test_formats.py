@@ -614,6 +614,36 @@ def test_geometries_and_nested_parts_of_kratos(tmp_path: Path) -> None:
     assert "body" not in mesh.patches
 
 
+def test_parts_of_elmer_are_one_mesh(tmp_path: Path) -> None:
+    """As ElmerGrid divides it: nodes of an interface in both parts, copies of other parts' elements, names outside."""
+    elmer(whole := tmp_path / "mesh")
+    (parts := whole / "partitioning.2").mkdir()
+    nodes, elements, boundary = (
+        (whole / f"mesh.{of}").read_text().splitlines() for of in ("nodes", "elements", "boundary")
+    )
+    for part, own in ((1, elements[:4]), (2, elements[4:])):
+        numbers = {word for row in own for word in row.split()[3:]}
+        cells = {row.split()[0] for row in own}
+        files = {
+            "header": ["18 4 0"],
+            "nodes": [row for row in reversed(nodes) if row.split()[0] in numbers],
+            "elements": [*own, f"99/{3 - part} 1 808 {' '.join(own[0].split()[3:])}"],
+            "boundary": [row for row in boundary if row.split()[2] in cells],
+        }
+        for name, lines_of in files.items():
+            (parts / f"part.{part}.{name}").write_text("\n".join(lines_of) + "\n")
+    mesh, expected = read_mesh(parts), read_mesh(whole)
+    rows = [np.flatnonzero((expected.points == point).all(axis=1))[0] for point in mesh.points]
+    assert sorted(rows) == list(range(27))
+    assert {name: sorted(rows[node] for node in of) for name, of in mesh.patches.items()} == lists(expected.patches)
+    np.testing.assert_array_equal(np.array(rows)[mesh.cells["hexahedron"]], expected.cells["hexahedron"])
+    write_mesh(tmp_path / "moved", replace(mesh, points=mesh.points + 1 / 3))
+    moved = read_mesh(tmp_path / "moved")
+    assert moved.points.tolist() == (mesh.points + 1 / 3).tolist()
+    assert lists(moved.patches) == lists(mesh.patches)
+    one_line(whole / "mesh.header", r"a file of an Elmer folder, which is not read \(give its folder\)")
+
+
 def test_comments_and_lines_of_kratos(tmp_path: Path) -> None:
     """Kratos reads words, not lines, and comments over several lines; checked with Kratos 10.4."""
     (tmp_path / "m.mdpa").write_text(

@@ -48,7 +48,7 @@ _SHAPES = {
     115: ("hexahedron", list(range(8))),
     116: ("hexahedron", [0, 2, 4, 6, 12, 14, 16, 18]),
 }
-_POINTS = (136, 137, 138, 139, 151, 152, 161)  # springs, gaps, masses
+_POINTS = (121, 122, 136, 137, 138, 139, 151, 152, 161)  # rigid elements, springs, gaps, masses
 #: A dataset is between lines of -1; its first number is its type.
 _FENCE = "-1"
 
