@@ -1313,24 +1313,24 @@ def test_surfaces_of_shells_in_abaqus(tmp_path: Path, solid: str, side: str, exp
 
 
 _TETRA = "*ELEMENT, TYPE=C3D4\n1, 1, 2, 3, 4\n"
-_CORNERS = "1, 0., 0., 0.\n2, 1., 0., 0.\n3, 0., 1., 0.\n4, 0., 0., 1.\n"
+_ROWS = "1, 0., 0., 0.\n2, 1., 0., 0.\n3, 0., 1., 0.\n4, 0., 0., 1.\n"
 
 
 @pytest.mark.parametrize(
     "text",
     [
         "*NODE\n1\n2, 1.\n** y\n3, 0., 1.,\n4, 0, 0, 1\n*ELEMENT, TYPE=C3D4\n1, 1, 2, 3, 4\n*NSET, NSET=foot\n1\n",
-        f"*NODE\n{_CORNERS.replace('0.', ' ')}{_TETRA}*NSET, NSET=foot\n1\n",
-        f"*NODE,\n NSET=all,\n** its\n SYSTEM=R\n{_CORNERS}{_TETRA}*NSET,\n NSET=foot,\n GENERATE\n1\n",
-        f"* Node , nset = all\n{_CORNERS}{_TETRA}* NSet , NSet = foot\n1,\n",
+        f"*NODE\n{_ROWS.replace('0.', ' ')}{_TETRA}*NSET, NSET=foot\n1\n",
+        f"*NODE,\n NSET=all,\n** its\n SYSTEM=R\n{_ROWS}{_TETRA}*NSET,\n NSET=foot,\n GENERATE\n1\n",
+        f"* Node , nset = all\n{_ROWS}{_TETRA}* NSet , NSet = foot\n1,\n",
         f"*NODE,\n INPUT=nodes.txt\n{_TETRA}*NSET, NSET=foot\n1\n",
         f"*INCLUDE,\n INPUT=nodes.inp\n{_TETRA}*NSET, NSET=foot\n1\n",
     ],
     ids=["left out", "blank", "continued", "blanks in keywords", "of a file", "included"],
 )
 def test_the_ways_of_abaqus_to_list_nodes_come_back(tmp_path: Path, text: str) -> None:
-    (tmp_path / "nodes.txt").write_text(_CORNERS)
-    (tmp_path / "nodes.inp").write_text(f"*NODE\n{_CORNERS}")
+    (tmp_path / "nodes.txt").write_text(_ROWS)
+    (tmp_path / "nodes.inp").write_text(f"*NODE\n{_ROWS}")
     (tmp_path / "m.inp").write_text(text)
     mesh = read_mesh(tmp_path / "m.inp")
     np.testing.assert_array_equal(mesh.points, [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
@@ -1341,7 +1341,7 @@ def test_the_ways_of_abaqus_to_list_nodes_come_back(tmp_path: Path, text: str) -
 
 
 def test_names_in_abaqus_are_the_same_in_upper_and_lower_case(tmp_path: Path) -> None:
-    part = f"*PART, NAME=P\n*NODE\n{_CORNERS}{_TETRA}*END PART\n*ASSEMBLY, NAME=A\n*INSTANCE, NAME=P-1, PART=P\n"
+    part = f"*PART, NAME=P\n*NODE\n{_ROWS}{_TETRA}*END PART\n*ASSEMBLY, NAME=A\n*INSTANCE, NAME=P-1, PART=P\n"
     sets = "*END INSTANCE\n*NSET, NSET=Foot\n1\n*NSET, NSET=FOOT\np-1.2\n*NSET, NSET=all\nfoot, 3\n"
     (tmp_path / "m.inp").write_text(part + sets)
     assert lists(read_mesh(tmp_path / "m.inp").patches) == {"Foot": [0, 1], "all": [0, 1, 2]}
@@ -1350,7 +1350,7 @@ def test_names_in_abaqus_are_the_same_in_upper_and_lower_case(tmp_path: Path) ->
 def test_a_surface_of_abaqus_without_sides_is_what_is_outside(tmp_path: Path) -> None:
     """Two tetrahedra with a common face: the sides of the first one are its other three."""
     (tmp_path / "m.inp").write_text(
-        f"*NODE\n{_CORNERS}5, 1., 1., 1.\n{_TETRA}2, 2, 3, 4, 5\n*SURFACE, NAME=s\n2,\n*ELSET, ELSET=e\n1\n"
+        f"*NODE\n{_ROWS}5, 1., 1., 1.\n{_TETRA}2, 2, 3, 4, 5\n*SURFACE, NAME=s\n2,\n*ELSET, ELSET=e\n1\n"
     )
     assert lists(read_mesh(tmp_path / "m.inp").patches) == {"s": [1, 2, 3, 4]}
     square = "1, 0, 0\n2, 1, 0\n3, 1, 1\n4, 0, 1\n5, 2, 0\n6, 2, 1\n7, 3, 0\n8, 3, 1\n"
