@@ -326,6 +326,21 @@ def test_short_polygons_strips_and_polylines_are_divided(tmp_path: Path) -> None
     assert lists(mesh.patches) == {"5": [0, 1, 2]}
 
 
+@pytest.mark.parametrize("kind", ["MeshTri", "MeshQuad", "MeshTet", "MeshHex"])
+def test_boundaries_of_scikit_fem_are_patches(tmp_path: Path, kind: str) -> None:
+    skfem = pytest.importorskip("skfem")
+    mesh = getattr(skfem, kind)().refined(2)
+    last = mesh.p.shape[0] - 1
+    ends = {"left": (0, 0.0), "right": (0, 1.0), "top": (last, 1.0), "bottom": (last, 0.0)}
+    sides = {name: (lambda x, axis=axis, at=at: abs(x[axis] - at) < 1e-12) for name, (axis, at) in ends.items()}
+    mesh.with_boundaries(sides).save(tmp_path / "m.vtu")
+    found = read_mesh(tmp_path / "m.vtu")
+    expected = {
+        name: np.flatnonzero(abs(found.points[:, axis] - at) < 1e-12).tolist() for name, (axis, at) in ends.items()
+    }
+    assert lists(found.patches) == expected
+
+
 def test_a_text_that_names_a_compressor_has_none(tmp_path: Path) -> None:
     """VTK names it also where all values are text."""
     arrays = (("connectivity", "0 1 2"), ("offsets", "3"), ("types", "5"))
