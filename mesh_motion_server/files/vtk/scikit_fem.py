@@ -28,18 +28,15 @@ def marked_sides(
     ----------
     cells : [(our type, rows (m,) of the arrays, corners (m, k))]
     """
-    found = {}
+    found: dict[str, Integers] = {}
+    if any(name not in _SIDES for name, _, _ in cells):
+        return found
     for key, values in arrays.items():
-        if (
-            not key.startswith(_PREFIX)
-            or values.dtype.kind not in "iu"
-            or not {name for name, _, _ in cells} <= {*_SIDES}
-        ):
-            continue
-        parts = []
-        for name, rows, nodes in cells:
-            bits = values[rows].astype(np.int64)
-            for side, corners in enumerate(_SIDES[name]):
-                parts.append(nodes[(bits >> side) & 1 == 1][:, list(corners)].ravel())
-        found[key.removeprefix(_PREFIX)] = np.concatenate(parts)
+        if key.startswith(_PREFIX) and values.dtype.kind in "iu":
+            parts = [np.empty(0, np.int64)]
+            for name, rows, nodes in cells:
+                bits = values[rows].astype(np.int64)
+                for side, corners in enumerate(_SIDES[name]):
+                    parts.append(nodes[(bits >> side) & 1 == 1][:, list(corners)].ravel())
+            found[key.removeprefix(_PREFIX)] = np.concatenate(parts)
     return found
