@@ -155,6 +155,22 @@ def test_from_meshio_by_numbers(array):
         Mesh.from_meshio(mesh, {"0": "fixed"})
 
 
+def test_the_most_similar_patch_without_a_role_is_meant(tmp_path):
+    """Not the first one without a role."""
+    nodes = np.arange(4)
+    np.savez(
+        tmp_path / "m.npz",
+        points=CUBE,
+        cells_wedge=WEDGES.cells["wedge"],
+        patch_Outer=nodes,
+        **{"patch_Outer.Left": nodes},
+    )
+    with pytest.raises(
+        InvalidInput, match=r"patch 'Outer' has no role.*'Outer.Lef' is no patch: did you mean 'Outer.Left'"
+    ):
+        Mesh.load(tmp_path / "m.npz", {"Outer.Lef": "moving"})
+
+
 def test_from_meshio_by_sets_and_by_names_of_physical_groups():
     lower, upper = (("quad", [[0, 1, 3, 2]]), ("quad", [[4, 5, 7, 6]]))
     cells = [("wedge", WEDGES.cells["wedge"]), lower, upper]

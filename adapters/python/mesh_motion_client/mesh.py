@@ -220,7 +220,7 @@ class Mesh(Described):
             raise InvalidInput(
                 f"{where}patch {without[0]!r} has no role; roles are given of {sorted(roles)}",
                 hint=next(
-                    (f"{name!r} is no patch: {hint}" for name in unknown if (hint := meant(name, without[:1]))),
+                    (f"{name!r} is no patch: {hint}" for name in unknown if (hint := meant(name, without))),
                     f"add {without[0]!r}: 'moving' or 'fixed', or 'free' to leave it out",
                 ),
             )
