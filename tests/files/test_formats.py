@@ -1347,6 +1347,22 @@ def test_names_in_abaqus_are_the_same_in_upper_and_lower_case(tmp_path: Path) ->
     assert lists(read_mesh(tmp_path / "m.inp").patches) == {"Foot": [0, 1], "all": [0, 1, 2]}
 
 
+def test_the_nodes_of_a_part_of_the_cells_are_no_patch(tmp_path: Path) -> None:
+    """Abaqus/CAE and Gmsh write a set of nodes for a region, too; the set of a face has the elements next to it."""
+    square = [(0, 0), (1, 0), (1, 1), (0, 1), (2, 0), (2, 1)]
+    nodes = "".join(f"{k}, {x}, {y}\n" for k, (x, y) in enumerate(square, start=1))
+    sets = "*NSET, NSET=half\n1, 2, 3, 4\n*ELSET, ELSET=HALF\n1\n*NSET, NSET=edge\n1, 4\n*ELSET, ELSET=edge\n1\n"
+    (tmp_path / "m.inp").write_text(f"*NODE\n{nodes}*ELEMENT, TYPE=CPS4\n1, 1, 2, 3, 4\n2, 2, 5, 6, 3\n{sets}")
+    assert lists(read_mesh(tmp_path / "m.inp").patches) == {"edge": [0, 3]}
+    rows_of = "".join(f"{k} 1 1 11\n {x}.0 {y}.0 0.0\n" for k, (x, y) in enumerate(square, start=1))
+    cells = "1 44 1 1 7 4\n 1 2 3 4\n2 44 1 1 7 4\n 2 5 6 3\n"
+    groups = "1 0 0 0 0 0 0 1\nhalf\n 8 1 0 0\n2 0 0 0 0 0 0 4\nhalf\n" + "".join(f" 7 {k} 0 0\n" for k in (1, 2, 3, 4))
+    groups += "3 0 0 0 0 0 0 2\nedge\n 7 1 0 0 7 4 0 0\n"
+    datasets = (("2411", rows_of), ("2412", cells), ("2467", groups))
+    (tmp_path / "m.unv").write_text("".join(f"    -1\n  {number}\n{text}    -1\n" for number, text in datasets))
+    assert lists(read_mesh(tmp_path / "m.unv").patches) == {"edge": [0, 3]}
+
+
 def test_a_surface_of_abaqus_without_sides_is_what_is_outside(tmp_path: Path) -> None:
     """Two tetrahedra with a common face: the sides of the first one are its other three."""
     (tmp_path / "m.inp").write_text(

@@ -299,7 +299,9 @@ def _mesh(path: Path, found: _Content) -> MeshFile:
         listed = rows(_flat(found.node_sets, name), f"set {name!r}: node")
         own = np.unique(np.concatenate([listed, *nodes]))
         # the set of all nodes is no patch, except that of both sides of one layer of elements
-        if len(own) < len(points) or (name not in found.of_nodes and all_outside(cells, len(points))):
+        if not _filled(found, name, blocks, dimension, own) and (
+            len(own) < len(points) or (name not in found.of_nodes and all_outside(cells, len(points)))
+        ):
             parts_of[name].append((0, own))
     for name, own in _sides(found, blocks, dimension).items():
         for block in blocks:
@@ -310,6 +312,16 @@ def _mesh(path: Path, found: _Content) -> MeshFile:
     mesh = assemble_elements(path, points, cells, nodes_of)
     notes += [f"its elements of type {', '.join(sorted(found.left_out))} are not read"] * bool(found.left_out)
     return replace(mesh, notes=(*mesh.notes, *notes))
+
+
+def _filled(found: _Content, name: str, blocks: list[_Block], dimension: int, own: Integers) -> bool:
+    """Whether a set of nodes has all nodes of the cells in the set of elements with its name: CAE writes both."""
+    if not any(key.upper() == name.upper() for key in found.element_sets):
+        return False
+    ids = _flat(found.element_sets, name)
+    inside = [of.nodes[np.isin(of.ids, ids)].ravel() for of in blocks if CELL_TYPES[of.name].dimension == dimension]
+    nodes = np.concatenate(inside)
+    return len(nodes) > 0 and bool(np.isin(nodes, own).all())
 
 
 def _require_read(found: _Content, own: Integers) -> None:
