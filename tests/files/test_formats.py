@@ -121,8 +121,21 @@ def test_a_folder_s_copy_has_any_name_but_a_file_s(tmp_path: Path) -> None:
     mesh = read_mesh(tmp_path / "case.v2")
     write_mesh(tmp_path / "moved", mesh)
     np.testing.assert_array_equal(read_mesh(tmp_path / "moved").points, mesh.points)
-    with pytest.raises(InvalidInput, match=r"moved\.msh: \.npz and \.vtu are written"):
+    with pytest.raises(
+        InvalidInput, match=r"moved\.msh: \.npz and \.vtu are written and, as an Elmer folder, a folder "
+    ):
         write_mesh(tmp_path / "moved.msh", mesh)
+
+
+def test_the_copy_of_a_case_by_its_foam_file_is_a_folder(tmp_path: Path) -> None:
+    WRITERS["box_foam"](tmp_path / "case")
+    (tmp_path / "case" / "case.foam").touch()
+    mesh = read_mesh(tmp_path / "case" / "case.foam")
+    with pytest.raises(
+        InvalidInput, match=r"and, as an OpenFOAM case, a folder \(name a new folder, without an ending"
+    ):
+        write_mesh(tmp_path / "moved.foam", mesh)
+    write_mesh(tmp_path / "moved", mesh)
 
 
 @pytest.mark.parametrize("name", [name for name in WRITERS if not name.endswith(_BINARY)])
