@@ -31,13 +31,16 @@ def extra_of(module: str) -> str | None:
 
 def not_installed(error: ModuleNotFoundError) -> str | None:
     """Return one line with the module and the command that installs it; None if no extra installs it."""
-    extra = extra_of(error.name or "")
-    if extra is None:
+    extra, listed = extra_of(error.name or ""), _requirements()
+    if extra is None and listed:
         return None
+    if not listed:  # Python finds the folder of the sources: a checkout is the working folder
+        return f"{_PACKAGE} is not installed, only its sources are here (pip install '.[server]' in their folder)"
     return f"the package {error.name!r} is not installed (pip install '{_PACKAGE}[{extra}]')"
 
 
 def _requirements() -> list[str]:
+    """The package's requirements, none if it is not installed."""
     from importlib.metadata import PackageNotFoundError, requires  # noqa: PLC0415  (40 ms that no command needs)
 
     try:

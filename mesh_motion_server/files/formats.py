@@ -141,6 +141,13 @@ FORMATS: tuple[Format, ...] = (
     _named("a geometry (IGES)", (".iges", ".igs"), rb"\A.{72}S\s*1\s", _MESHED),
     _named("a geometry (BREP)", (".brep", ".brp"), rb"\A\s*(DBRep_DrawableShape|CASCADE Topology)", _MESHED),
     _named("a geometry of Netgen", (".in2d", ".geo"), rb"\A(\s|#.*\n)*(splinecurves|algebraic3d)", _IN_NETGEN),
+    _named("a file of an Elmer folder", (".header", ".nodes", ".elements", ".boundary"), rb"(?!)", "give its folder"),
+    _named(
+        "a neutral mesh of Netgen",
+        (".mesh",),
+        rb"\A\d+[ \t\r]*\n([ \t]+[-+.\deE]+){3}[ \t\r]*\n",
+        "Netgen: File, Save Mesh, with the ending .vol",
+    ),
     _named("an input of ElmerGrid", (".grd",), rb"(?m)^(Version = \d|Coordinate System = )", "ElmerGrid 1 2 FILE"),
     _named("a file of OpenFOAM", (), rb"(?m)^FoamFile\b", "give the folder of its case"),
     _named(

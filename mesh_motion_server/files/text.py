@@ -24,17 +24,25 @@ def integer(word: str | bytes, base: int = 10) -> int:
 
 
 def real(word: str | bytes) -> float:
-    """A word of a file as a number. Raises ValueError if it is not a number, for example ``1_0.5``."""
-    return float(_plain(word))
+    """A word of a file as a number; Fortran writes exponents with D too. Raises ValueError if it is not a number."""
+    return float(_fortran(_plain(word)))
 
 
 def number_array(words: Sequence[str] | Sequence[bytes], dtype: DTypeLike) -> NDArray[Any]:
-    """Words of a file as numbers (n,). Raises ValueError if a word is not a number."""
+    """Words of a file as numbers (n,), as :func:`real` takes them. Raises ValueError if a word is not a number."""
     whole = b"".join(words) if words and isinstance(words[0], bytes) else "".join(words)  # type: ignore[arg-type]
     if not _is_plain(whole):
         for word in words:
             _plain(word)
-    return np.array(words, dtype=dtype)
+    exponents = np.dtype(dtype).kind == "f" and _fortran(whole) != whole
+    return np.array([_fortran(word) for word in words] if exponents else words, dtype=dtype)
+
+
+def _fortran(word: str | bytes) -> str | bytes:
+    """The exponent D as E."""
+    if isinstance(word, bytes):
+        return word.replace(b"D", b"E").replace(b"d", b"e")
+    return word.replace("D", "E").replace("d", "e")
 
 
 def _plain(word: str | bytes) -> str | bytes:

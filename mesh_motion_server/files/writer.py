@@ -34,8 +34,10 @@ def check_target(path: Path, source: Path | None = None) -> Format | None:
     of_folder = own is not None and (own.folder or of_source == ".foam")
     fits = ending not in SUFFIXES if of_folder else ending == of_source
     if source is None or own is None or own.move is None or not fits:
-        also = f" and, as {own.name}, {source.suffix or 'a folder'}" if source and own and own.move else ""
-        raise InvalidInput(f"{path}: .npz and .vtu are written{also}", hint="give a file name with such an ending")
+        form = "a folder" if of_folder or source is None else source.suffix
+        also = f" and, as {own.name}, {form}" if own and own.move else ""
+        hint = "name a new folder, without an ending" if of_folder else "give a file name with such an ending"
+        raise InvalidInput(f"{path}: .npz and .vtu are written{also}", hint=hint)
     if of_folder:
         require_folder_place(path)
         if path.exists():

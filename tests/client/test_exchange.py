@@ -33,7 +33,7 @@ class Grid:
     """The used part of ``pyvista.UnstructuredGrid``, on VTK's grid."""
 
     def __init__(self, cells, kinds, points):
-        self.vtk, self.points, self.point_data = vtkUnstructuredGrid(), points, {}
+        self.vtk, self.points, self.point_data, self.cell_data = vtkUnstructuredGrid(), points, {}, {}
         held, blocks, at = vtkCellArray(), {}, 0
         for kind in kinds:
             nodes = cells[at + 1 : at + 1 + cells[at]]
@@ -88,7 +88,9 @@ def test_to_pyvista_and_back():
     flat = Mesh(CUBE[:4, :2], {"quad": [[0, 1, 3, 2]]}, {"low": Patch("moving", [0, 1])})
     assert to_pyvista(flat, flat.points + 1).points[:, 2].tolist() == [0.0] * 4
     same(Mesh.from_pyvista(flat.to_pyvista(), {"low": "moving"}), flat)
-    with pytest.raises(InvalidInput, match=r"patch 'botom' is not among the point arrays .*did you mean 'bottom'"):
+    with pytest.raises(
+        InvalidInput, match=r"patch 'botom' is not among the arrays and numbers .*did you mean 'bottom'"
+    ):
         Mesh.from_pyvista(grid, {"botom": "moving"})
 
 
@@ -105,6 +107,18 @@ def test_cells_of_images_are_quads_and_hexahedra(cells, kinds, name, expected):
     mesh = Mesh.from_pyvista(Grid(np.array(cells), np.array(kinds), corners), {})
     assert mesh.cells[name].tolist() == expected
     assert list(mesh.cells) == [name]
+
+
+def test_from_pyvista_by_arrays_of_cells():
+    """As pyvista.read makes it of a file of Gmsh: faces with numbers among the cells."""
+    cells = [6, 0, 1, 2, 4, 5, 6, 4, 0, 1, 3, 2, 6, 1, 3, 2, 5, 7, 6, 4, 4, 5, 7, 6, 2, 0, 1]
+    grid = Grid(np.array(cells), np.array([13, 9, 13, 9, 3]), CUBE)
+    grid.cell_data = {"gmsh:physical": np.array([1, 7, 1, 8, 7]), "patch_lid": np.array([0, 0, 0, 1, 0])}
+    mesh = Mesh.from_pyvista(grid, {"7": "moving", "lid": "fixed", "8": "fixed", "curve_7": "fixed"})
+    assert {name: patch.nodes.tolist() for name, patch in mesh.patches.items()} == {
+        "7": [0, 1, 2, 3], "lid": [4, 5, 6, 7], "8": [4, 5, 6, 7], "curve_7": [0, 1]
+    }  # fmt: skip
+    assert mesh.cells["wedge"].tolist() == WEDGES.cells["wedge"].tolist()
 
 
 @pytest.mark.parametrize(
@@ -139,6 +153,22 @@ def test_from_meshio_by_numbers(array):
         InvalidInput, match=r"patch '0' is not among the sets of points and cells \['-?7[0-9]*', '8', '9', 'cu"
     ):
         Mesh.from_meshio(mesh, {"0": "fixed"})
+
+
+def test_the_most_similar_patch_without_a_role_is_meant(tmp_path):
+    """Not the first one without a role."""
+    nodes = np.arange(4)
+    np.savez(
+        tmp_path / "m.npz",
+        points=CUBE,
+        cells_wedge=WEDGES.cells["wedge"],
+        patch_Outer=nodes,
+        **{"patch_Outer.Left": nodes},
+    )
+    with pytest.raises(
+        InvalidInput, match=r"patch 'Outer' has no role.*'Outer.Lef' is no patch: did you mean 'Outer.Left'"
+    ):
+        Mesh.load(tmp_path / "m.npz", {"Outer.Lef": "moving"})
 
 
 def test_from_meshio_by_sets_and_by_names_of_physical_groups():

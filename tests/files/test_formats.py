@@ -121,8 +121,21 @@ def test_a_folder_s_copy_has_any_name_but_a_file_s(tmp_path: Path) -> None:
     mesh = read_mesh(tmp_path / "case.v2")
     write_mesh(tmp_path / "moved", mesh)
     np.testing.assert_array_equal(read_mesh(tmp_path / "moved").points, mesh.points)
-    with pytest.raises(InvalidInput, match=r"moved\.msh: \.npz and \.vtu are written"):
+    with pytest.raises(
+        InvalidInput, match=r"moved\.msh: \.npz and \.vtu are written and, as an Elmer folder, a folder "
+    ):
         write_mesh(tmp_path / "moved.msh", mesh)
+
+
+def test_the_copy_of_a_case_by_its_foam_file_is_a_folder(tmp_path: Path) -> None:
+    WRITERS["box_foam"](tmp_path / "case")
+    (tmp_path / "case" / "case.foam").touch()
+    mesh = read_mesh(tmp_path / "case" / "case.foam")
+    with pytest.raises(
+        InvalidInput, match=r"and, as an OpenFOAM case, a folder \(name a new folder, without an ending"
+    ):
+        write_mesh(tmp_path / "moved.foam", mesh)
+    write_mesh(tmp_path / "moved", mesh)
 
 
 @pytest.mark.parametrize("name", [name for name in WRITERS if not name.endswith(_BINARY)])
@@ -252,7 +265,6 @@ def test_vtk_reads_the_same_cells_of_fluent(tmp_path: Path) -> None:
         ("m.vtu.series", '{"file-series-version": "1.0"}', "give one of the files"),
         ("m.f3grid", "* FLAC3D grid\n", r"a FLAC3D grid, which is not read \(meshio"),
         ("m.dato", "!\n$ENTER COMPONENT NAME=X\n", r"a PERMAS model, which is not read \(meshio"),
-        ("m.vtu", '<VTKFile type="UnstructuredGrid" compressor="vtkLZ4DataCompressor"/>', "LZ4.*compressor ZLib"),
         ("m.msh", '(1 "meshio 5.3.5")\n(2 3)\n', r"cells without faces, written by meshio as 'ansys'.*\(let meshio"),
         ("m.msh", "$NOD\n3\n", r"a Gmsh mesh of version 1, which is not read \(Gmsh reads it"),
         ("m.k", "*KEYWORD\n*NODE\n 1 0. 0. 0.\n", "an LS-DYNA deck, which is not read"),
@@ -275,6 +287,7 @@ def test_vtk_reads_the_same_cells_of_fluent(tmp_path: Path) -> None:
         ("m.feb", '<?xml version="1.0"?>\n<febio_spec version="4.0">', "an FEBio model, which is not read"),
         ("m.node", "4 3 0 0\n", r"a mesh of TetGen, which is not read \(tetgen -g"),
         ("m.in2d", "splinecurves2dv2\n", r"a geometry of Netgen, which is not read \(mesh it in Netgen"),
+        ("m.mesh", "5\n  0.000  0.000  1.000\n  1.0 0.0 0.0\n", "a neutral mesh of Netgen, .*ending .vol"),
         ("m.grd", "Version = 210903\nCoordinate System = Cartesian 2D\n", r"an input of ElmerGrid, .*\(ElmerGrid 1 2"),
         ("m.msh", "# by x\no Cube\nv 0 0 -1e-3\n", r"a surface \(OBJ\), which is not read"),
         ("m.ply", "ply\nformat ascii 1.0\n", r"a surface \(PLY\), which is not read"),
@@ -520,7 +533,12 @@ def test_med_and_exodus_files_that_do_not_fit(tmp_path: Path) -> None:
         (abaqus, "NSET=Nall", "NSET=Nall, SYSTEM=C", "SYSTEM=C, expected Cartesian"),
         (abaqus, "*STEP", "*INSTANCE, NAME=a, PART=p\n1, 0, 0\n*STEP", "'a' is moved to its place"),
         (abaqus, "*STEP", "*INSTANCE, NAME=a, PART=p\n*INSTANCE, NAME=b, PART=p\n*STEP", "'b' follows 'a', but one"),
-        (abaqus, "*MATERIAL", "*SURFACE, NAME=all\nEall,\n*MATERIAL", "'Eall' without a side; name its sides S1, S2"),
+        (
+            abaqus,
+            "*MATERIAL",
+            "*SURFACE, NAME=all, COMBINE=UNION\na, b\n*MATERIAL",
+            "COMBINE=UNION of other surfaces; list",
+        ),
         (
             abaqus,
             "*MATERIAL",
@@ -609,6 +627,56 @@ def test_geometries_and_nested_parts_of_kratos(tmp_path: Path) -> None:
     assert "body" not in mesh.patches
 
 
+def test_parts_of_elmer_are_one_mesh(tmp_path: Path) -> None:
+    """As ElmerGrid divides it: nodes of an interface in both parts, copies of other parts' elements, names outside."""
+    elmer(whole := tmp_path / "mesh")
+    (parts := whole / "partitioning.2").mkdir()
+    nodes, elements, boundary = (
+        (whole / f"mesh.{of}").read_text().splitlines() for of in ("nodes", "elements", "boundary")
+    )
+    for part, own in ((1, elements[:4]), (2, elements[4:])):
+        numbers = {word for row in own for word in row.split()[3:]}
+        cells = {row.split()[0] for row in own}
+        files = {
+            "header": ["18 4 0"],
+            "nodes": [row for row in reversed(nodes) if row.split()[0] in numbers],
+            "elements": [*own, f"99/{3 - part} 1 808 {' '.join(own[0].split()[3:])}"],
+            "boundary": [row for row in boundary if row.split()[2] in cells],
+        }
+        for name, lines_of in files.items():
+            (parts / f"part.{part}.{name}").write_text("\n".join(lines_of) + "\n")
+    mesh, expected = read_mesh(parts), read_mesh(whole)
+    rows = [np.flatnonzero((expected.points == point).all(axis=1))[0] for point in mesh.points]
+    assert sorted(rows) == list(range(27))
+    assert {name: sorted(rows[node] for node in of) for name, of in mesh.patches.items()} == lists(expected.patches)
+    np.testing.assert_array_equal(np.array(rows)[mesh.cells["hexahedron"]], expected.cells["hexahedron"])
+    write_mesh(tmp_path / "moved", replace(mesh, points=mesh.points + 1 / 3))
+    moved = read_mesh(tmp_path / "moved")
+    assert moved.points.tolist() == (mesh.points + 1 / 3).tolist()
+    assert lists(moved.patches) == lists(mesh.patches)
+    one_line(whole / "mesh.header", r"a file of an Elmer folder, which is not read \(give its folder\)")
+
+
+def test_comments_and_lines_of_kratos(tmp_path: Path) -> None:
+    """Kratos reads words, not lines, and comments over several lines; checked with Kratos 10.4."""
+    (tmp_path / "m.mdpa").write_text(
+        "/* of\nBegin Nodes\n*/\nBegin Nodes\n1 0 0 0 /* one */\n2 1 0 0 // two\n/* 9 9 9 9 */\n3 1\n1 0 4 0 1 0\n"
+        "End Nodes\nBegin Elements Element2D4N\n1 0 1 2\n3 4\nEnd Elements\nBegin Conditions LineCondition2D2N\n"
+        "1 0 1 2 2 0\n2 3\nEnd Conditions\nBegin SubModelPart a\nBegin SubModelPart b\n"
+        "Begin SubModelPartConditions\n1 2\nEnd SubModelPartConditions\nEnd SubModelPart\nEnd SubModelPart\n"
+    )
+    mesh = read_mesh(tmp_path / "m.mdpa")
+    assert mesh.points.tolist() == [[0, 0], [1, 0], [1, 1], [0, 1]]
+    assert lists(mesh.cells) == {"quad": [[0, 1, 2, 3]]}
+    assert lists(mesh.patches) == {"a.b": [0, 1, 2]}
+    write_mesh(tmp_path / "moved.mdpa", replace(mesh, points=mesh.points + 1 / 3))
+    moved = (tmp_path / "moved.mdpa").read_text()
+    assert read_mesh(tmp_path / "moved.mdpa").points.tolist() == (mesh.points + 1 / 3).tolist()
+    assert all(comment in moved for comment in ("/* of\nBegin Nodes\n*/", "/* one */", "// two", "/* 9 9 9 9 */"))
+    (tmp_path / "m.mdpa").write_text("Begin Nodes\n1 0 0\nEnd Nodes\n")
+    one_line(tmp_path / "m.mdpa", "block 'Nodes' in line 1: 3 numbers, expected four for each node")
+
+
 def test_what_abaqus_and_calculix_allow_in_an_input(tmp_path: Path) -> None:
     abaqus(path := tmp_path / "box.inp")
     text = path.read_text()
@@ -626,8 +694,8 @@ def test_what_abaqus_and_calculix_allow_in_an_input(tmp_path: Path) -> None:
     expected = {"wall": "wall", "far": "far", "of far": "far", "my sides": "sides", "all2": "sides"}
     assert lists(mesh.patches) == {name: PATCHES[of].tolist() for name, of in expected.items()}
     assert mesh.notes == ("its elements of type SPRINGA are not read",)
-    with pytest.raises(InvalidInput, match=r"27 of its nodes are in files that it includes"):
-        write_mesh(tmp_path / "moved.inp", mesh)
+    write_mesh(tmp_path / "moved.inp", replace(mesh, points=POINTS + 1))
+    assert np.array_equal(read_mesh(tmp_path / "moved.inp").points, POINTS + 1)
     (tmp_path / "plate.inp").write_text(
         "*NODE\n1, 0, 0\n2, 1, 0\n3, 0, 1\n4, .5, 0\n5, .5, .5\n6, 0, .5\n *ELEMENT, TYPE=STRI65\n1, 1, 2, 3, 4, 5, 6\n"
     )
@@ -762,6 +830,16 @@ def test_elmer_folders_that_do_not_fit_and_calculix_input_whatever_it_is_called(
     assert sorted(read_mesh(tmp_path / "all.msh").patches) == ["far", "sides", "wall"]
 
 
+@pytest.mark.parametrize("name", ["box.mesh", "box.ugrid", "box_elmer/mesh.nodes", "box.mdpa", "box.inp", "box.vol"])
+def test_exponents_of_fortran(tmp_path: Path, name: str) -> None:
+    of = tmp_path / Path(name).parts[0]
+    WRITERS[of.name](of)
+    text = (tmp_path / name).read_text()
+    (tmp_path / name).write_text(re.sub(r"(?<![\d.])0\.7(?=[\s,])", "7.0D-01", text))
+    assert "7.0D-01" in (tmp_path / name).read_text()
+    np.testing.assert_array_equal(read_mesh(of).points, POINTS)
+
+
 def test_abaqus_input_in_several_files(tmp_path: Path) -> None:
     """Like preCICE's tutorials: a deck includes the mesh and the sets, only from its folder, and each file once."""
     abaqus(tmp_path / "whole.inp")
@@ -772,9 +850,11 @@ def test_abaqus_input_in_several_files(tmp_path: Path) -> None:
     deck.write_text("*INCLUDE, INPUT=all.msh\n*include, input=sets.nam\n*STEP\n*END STEP\n")
     mesh = read_mesh(deck)
     assert lists(mesh.patches) == {key: nodes.tolist() for key, nodes in PATCHES.items()}
-    with pytest.raises(InvalidInput, match=r"27 of its nodes are in files that it includes \(name the file with"):
-        write_mesh(tmp_path / "moved.inp", mesh)
-    assert not (tmp_path / "moved.inp").exists()
+    (other := tmp_path / "other").mkdir()
+    write_mesh(other / "moved.inp", replace(mesh, points=POINTS + 1))  # one file: the included ones are not there
+    moved = read_mesh(other / "moved.inp")
+    assert np.array_equal(moved.points, POINTS + 1)
+    assert lists(moved.patches) == lists(mesh.patches)
     for name, reason in (
         ("../other.inp", "not in its folder"),
         ("deck.inp", "included twice"),
@@ -1245,16 +1325,67 @@ def test_surfaces_of_shells_in_abaqus(tmp_path: Path, solid: str, side: str, exp
     assert {name: nodes.tolist() for name, nodes in found.items()} == expected
 
 
-def test_coordinates_of_zero_that_abaqus_leaves_out_come_back(tmp_path: Path) -> None:
-    (tmp_path / "m.inp").write_text(
-        "*NODE\n1\n2, 1.\n** y\n3, 0., 1.,\n4, 0, 0, 1\n*ELEMENT, TYPE=C3D4\n1, 1, 2, 3, 4\n*NSET, NSET=foot\n1\n"
-    )
+_TETRA = "*ELEMENT, TYPE=C3D4\n1, 1, 2, 3, 4\n"
+_ROWS = "1, 0., 0., 0.\n2, 1., 0., 0.\n3, 0., 1., 0.\n4, 0., 0., 1.\n"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "*NODE\n1\n2, 1.\n** y\n3, 0., 1.,\n4, 0, 0, 1\n*ELEMENT, TYPE=C3D4\n1, 1, 2, 3, 4\n*NSET, NSET=foot\n1\n",
+        f"*NODE\n{_ROWS.replace('0.', ' ')}{_TETRA}*NSET, NSET=foot\n1\n",
+        f"*NODE,\n NSET=all,\n** its\n SYSTEM=R\n{_ROWS}{_TETRA}*NSET,\n NSET=foot,\n GENERATE\n1\n",
+        f"* Node , nset = all\n{_ROWS}{_TETRA}* NSet , NSet = foot\n1,\n",
+        f"*NODE,\n INPUT=nodes.txt\n{_TETRA}*NSET, NSET=foot\n1\n",
+        f"*INCLUDE,\n INPUT=nodes.inp\n{_TETRA}*NSET, NSET=foot\n1\n",
+    ],
+    ids=["left out", "blank", "continued", "blanks in keywords", "of a file", "included"],
+)
+def test_the_ways_of_abaqus_to_list_nodes_come_back(tmp_path: Path, text: str) -> None:
+    (tmp_path / "nodes.txt").write_text(_ROWS)
+    (tmp_path / "nodes.inp").write_text(f"*NODE\n{_ROWS}")
+    (tmp_path / "m.inp").write_text(text)
     mesh = read_mesh(tmp_path / "m.inp")
     np.testing.assert_array_equal(mesh.points, [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
     write_mesh(tmp_path / "moved.inp", replace(mesh, points=mesh.points + 1 / 3))
     after = read_mesh(tmp_path / "moved.inp")
     np.testing.assert_array_equal(after.points, mesh.points + 1 / 3)
     assert lists(after.patches) == {"foot": [0]}
+
+
+def test_names_in_abaqus_are_the_same_in_upper_and_lower_case(tmp_path: Path) -> None:
+    part = f"*PART, NAME=P\n*NODE\n{_ROWS}{_TETRA}*END PART\n*ASSEMBLY, NAME=A\n*INSTANCE, NAME=P-1, PART=P\n"
+    sets = "*END INSTANCE\n*NSET, NSET=Foot\n1\n*NSET, NSET=FOOT\np-1.2\n*NSET, NSET=all\nfoot, 3\n"
+    (tmp_path / "m.inp").write_text(part + sets)
+    assert lists(read_mesh(tmp_path / "m.inp").patches) == {"Foot": [0, 1], "all": [0, 1, 2]}
+
+
+def test_the_nodes_of_a_part_of_the_cells_are_no_patch(tmp_path: Path) -> None:
+    """Abaqus/CAE and Gmsh write a set of nodes for a region, too; the set of a face has the elements next to it."""
+    square = [(0, 0), (1, 0), (1, 1), (0, 1), (2, 0), (2, 1)]
+    nodes = "".join(f"{k}, {x}, {y}\n" for k, (x, y) in enumerate(square, start=1))
+    sets = "*NSET, NSET=half\n1, 2, 3, 4\n*ELSET, ELSET=HALF\n1\n*NSET, NSET=edge\n1, 4\n*ELSET, ELSET=edge\n1\n"
+    (tmp_path / "m.inp").write_text(f"*NODE\n{nodes}*ELEMENT, TYPE=CPS4\n1, 1, 2, 3, 4\n2, 2, 5, 6, 3\n{sets}")
+    assert lists(read_mesh(tmp_path / "m.inp").patches) == {"edge": [0, 3]}
+    rows_of = "".join(f"{k} 1 1 11\n {x}.0 {y}.0 0.0\n" for k, (x, y) in enumerate(square, start=1))
+    cells = "1 44 1 1 7 4\n 1 2 3 4\n2 44 1 1 7 4\n 2 5 6 3\n"
+    groups = "1 0 0 0 0 0 0 1\nhalf\n 8 1 0 0\n2 0 0 0 0 0 0 4\nhalf\n" + "".join(f" 7 {k} 0 0\n" for k in (1, 2, 3, 4))
+    groups += "3 0 0 0 0 0 0 2\nedge\n 7 1 0 0 7 4 0 0\n"
+    datasets = (("2411", rows_of), ("2412", cells), ("2467", groups))
+    (tmp_path / "m.unv").write_text("".join(f"    -1\n  {number}\n{text}    -1\n" for number, text in datasets))
+    assert lists(read_mesh(tmp_path / "m.unv").patches) == {"edge": [0, 3]}
+
+
+def test_a_surface_of_abaqus_without_sides_is_what_is_outside(tmp_path: Path) -> None:
+    """Two tetrahedra with a common face: the sides of the first one are its other three."""
+    (tmp_path / "m.inp").write_text(
+        f"*NODE\n{_ROWS}5, 1., 1., 1.\n{_TETRA}2, 2, 3, 4, 5\n*SURFACE, NAME=s\n2,\n*ELSET, ELSET=e\n1\n"
+    )
+    assert lists(read_mesh(tmp_path / "m.inp").patches) == {"s": [1, 2, 3, 4]}
+    square = "1, 0, 0\n2, 1, 0\n3, 1, 1\n4, 0, 1\n5, 2, 0\n6, 2, 1\n7, 3, 0\n8, 3, 1\n"
+    cells = "1, 1, 2, 3, 4\n2, 2, 5, 6, 3\n3, 5, 7, 8, 6\n"
+    (tmp_path / "m.inp").write_text(f"*NODE\n{square}*ELEMENT, TYPE=CPS4, ELSET=V\n{cells}*SURFACE, NAME=s\n1\n")
+    assert lists(read_mesh(tmp_path / "m.inp").patches) == {"s": [0, 1, 2, 3]}
 
 
 def _curved_edge(ends: str) -> list[float]:

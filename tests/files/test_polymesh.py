@@ -370,7 +370,7 @@ def test_no_case_at_all(tmp_path: Path) -> None:
     (tmp_path / "constant" / "air" / "polyMesh").mkdir(parents=True)
     with pytest.raises(InvalidInput, match=r"its meshes are those of regions: give one, .*/constant/air"):
         read_mesh(tmp_path)
-    (tmp_path / "processor0").mkdir()
+    (tmp_path / "processors2").mkdir()  # collated
     with pytest.raises(InvalidInput, match="reconstructParMesh"):
         read_mesh(tmp_path)
 

@@ -13,7 +13,6 @@ from format_files import CELLS, FACES, PATCHES, POINTS, netgen, rows, ugrid_bina
 from mesh_files import lists, one_line, quiet_gmsh, refused_when_damaged, replaced
 from mesh_motion_numerics.quality.metrics import cell_quality, reference_sizes
 from mesh_motion_numerics.quality.orientation import oriented
-from mesh_motion_protocol.errors import InvalidInput
 from numpy.typing import NDArray
 
 from mesh_motion_server.files import MeshFile, read_mesh, write_mesh
@@ -159,8 +158,11 @@ def test_nastran_in_every_form_of_fields(tmp_path: Path, form: str) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("GRID,101,,", "GRID,101,3,", r"nodes in the coordinate system 3, which no CORD2R, CORD2C or CORD2S defines"),
-        ("GRID,101,,", "GRDSET,,3\nGRID,101,,", r"nodes in the coordinate system 3, which no CORD2R, CORD2C or CORD2S"),
+        ("GRID,101,,", "GRID,101,3,", r"nodes in the coordinate system 3, which no CORD1 or CORD2 \(R, C, S\) defines"),
+        ("GRID,101,,", "GRDSET,,3\nGRID,101,,", r"nodes in the coordinate system 3, which no CORD1 or CORD2"),
+        ("GRID,101,,", "CORD1R,3,8,102,900\nGRID,101,3,", "coordinate system 3: node 8 is named, but does not exist"),
+        ("GRID,101,,", "CORD1R,3,101,102,103\nGRID,101,3,", "the coordinate system 3, which no"),
+        ("GRID,101,,", "=,*1\nGRID,101,,", "line 11: '=,[*]1' repeats a card; write each card in full"),
         ("GRID,101,,", "CORD2R,3,3,0.,0.,0.,0.,0.,1.,\n,1.\nGRID,101,3,", "the coordinate system 3, which no"),
         ("GRID,101,,", "CORD2R,3,,0.,0.,0.,0.,0.,1.,\n,\nGRID,101,3,", "the coordinate system 3 are on a line"),
         ("CHEXA,1,7,100,", "CHEXA,1,7,,", r"CHEXA in line \d+: nodes \[0, .*\], expected 8 numbers from 1"),
@@ -199,7 +201,7 @@ def test_nastran_in_the_plane_with_names_of_properties(tmp_path: Path, comment: 
 
 
 def test_nastran_in_several_files(tmp_path: Path) -> None:
-    """The nodes in another file: that file can be written back, the deck cannot."""
+    """The nodes in another file come back in one file with the deck."""
     nastran(tmp_path / "whole.bdf", "large")
     head, body = (tmp_path / "whole.bdf").read_text().split("BEGIN BULK\n")
     first = body.index("CHEXA*")
@@ -207,8 +209,11 @@ def test_nastran_in_several_files(tmp_path: Path) -> None:
     (tmp_path / "m.bdf").write_text(f"{head}BEGIN BULK\ninclude 'nodes\n.bdf' $ the nodes\n{body[first:]}")
     mesh = read_mesh(tmp_path / "m.bdf")
     assert lists(mesh.patches) == lists(read_mesh(tmp_path / "whole.bdf").patches)
-    with pytest.raises(InvalidInput, match=r"27 of its nodes are in files that it includes \(put them into one"):
-        write_mesh(tmp_path / "moved.bdf", mesh)
+    (tmp_path / "other").mkdir()
+    write_mesh(tmp_path / "other" / "moved.bdf", replace(mesh, points=POINTS + 1))
+    after = read_mesh(tmp_path / "other" / "moved.bdf")
+    np.testing.assert_allclose(after.points, POINTS + 1, rtol=1e-14)
+    assert lists(after.patches) == lists(mesh.patches)
 
 
 @pytest.mark.parametrize(("usual", "first"), [("", "1"), ("GRDSET,,1\n", ""), ("GRDSET,,2\n", "1")])
@@ -224,6 +229,18 @@ def test_nastran_coordinate_systems(tmp_path: Path, usual: str, first: str) -> N
     after = moved_and_read(tmp_path / "m.bdf", mesh)
     np.testing.assert_allclose(after.points, mesh.points * 1.25 + np.pi, rtol=1e-14)
     assert re.search(r"GRID\*   3 +0 .*\n\* {7}.{16}7\n", (tmp_path / "moved_m.bdf").read_text())  # its own directions
+
+
+def test_nastran_coordinate_systems_of_nodes(tmp_path: Path) -> None:
+    """Three nodes make the system: z along y, x along z; the second one is a cylinder."""
+    (tmp_path / "m.bdf").write_text(
+        "GRID,1,,1.,2.,3.\nGRID,2,,1.,3.,3.\nGRID,3,,1.,2.,4.\nGRID,4,5,0.,2.,0.\nGRID,5,6,2.,90.,0.\n"
+        "CORD1R,5,1,2,3\nCORD1C,6,1,2,3\nCTETRA,1,1,1,3,4,2\n"
+    )
+    mesh = read_mesh(tmp_path / "m.bdf")
+    np.testing.assert_allclose(mesh.points[3:], [[3, 2, 3], [3, 2, 3]], rtol=1e-15)
+    after = moved_and_read(tmp_path / "m.bdf", mesh)
+    np.testing.assert_allclose(after.points, mesh.points * 1.25 + np.pi, rtol=1e-14)
 
 
 @pytest.mark.parametrize("value", [0.0, -1.0, 1.5e-300, -1.23456789012345678e-5, 123456789.123456789, 1e16, -0.1 / 3])

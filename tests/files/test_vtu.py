@@ -312,16 +312,52 @@ def test_cells_of_higher_order_are_read_by_their_corners(tmp_path: Path) -> None
     )
 
 
-def test_short_polygons_are_triangles_and_quadrilaterals_and_strips_are_refused(tmp_path: Path) -> None:
+def test_short_polygons_strips_and_polylines_are_divided(tmp_path: Path) -> None:
     text = "# vtk DataFile Version 3.0\nx\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS 5 double\n"
-    text += "0 0 0 1 0 0 2 1 0\n1 2 0 0 1 0\nCELLS 1 6\n5 0 1 2 3 4\nCELL_TYPES 1\n6\n"
-    (tmp_path / "m.vtk").write_text(text)
-    with pytest.raises(InvalidInput, match=r"cells of VTK's type 6 \(triangle strips\) \(divide such cells"):
-        read_mesh(tmp_path / "m.vtk")
-    text = text.replace("CELLS 1 6\n5 0 1 2 3 4\nCELL_TYPES 1\n6", "CELLS 2 9\n4 0 1 3 4\n3 1 2 3\nCELL_TYPES 2\n7\n7")
+    text += "0 0 0 1 0 0 2 1 0\n1 2 0 0 1 0\nCELLS 2 9\n4 0 1 3 4\n3 1 2 3\nCELL_TYPES 2\n7\n7\n"
     (tmp_path / "m.vtk").write_text(text)
     cells = read_mesh(tmp_path / "m.vtk").cells
     assert {name: nodes.tolist() for name, nodes in cells.items()} == {"triangle": [[1, 2, 3]], "quad": [[0, 1, 3, 4]]}
+    strip = text.replace("CELLS 2 9\n4 0 1 3 4\n3 1 2 3\n", "CELLS 2 10\n5 4 0 3 1 2\n3 0 1 2\n").replace(
+        "7\n7", "6\n4"
+    )
+    (tmp_path / "m.vtk").write_text(f"{strip}CELL_DATA 2\nSCALARS patch int 1\nLOOKUP_TABLE default\n0\n5\n")
+    mesh = read_mesh(tmp_path / "m.vtk")
+    assert lists(mesh.cells) == {"triangle": [[4, 0, 3], [0, 1, 3], [3, 1, 2]]}
+    assert lists(mesh.patches) == {"5": [0, 1, 2]}
+
+
+@pytest.mark.parametrize("kind", ["MeshTri", "MeshQuad", "MeshTet", "MeshHex"])
+def test_boundaries_of_scikit_fem_are_patches(tmp_path: Path, kind: str) -> None:
+    skfem = pytest.importorskip("skfem")
+    mesh = getattr(skfem, kind)().refined(2)
+    last = mesh.p.shape[0] - 1
+    ends = {"left": (0, 0.0), "right": (0, 1.0), "top": (last, 1.0), "bottom": (last, 0.0)}
+    sides = {name: (lambda x, axis=axis, at=at: abs(x[axis] - at) < 1e-12) for name, (axis, at) in ends.items()}
+    mesh.with_boundaries(sides).save(tmp_path / "m.vtu")
+    found = read_mesh(tmp_path / "m.vtu")
+    expected = {
+        name: np.flatnonzero(abs(found.points[:, axis] - at) < 1e-12).tolist() for name, (axis, at) in ends.items()
+    }
+    assert lists(found.patches) == expected
+
+
+def test_a_text_that_names_a_compressor_has_none(tmp_path: Path) -> None:
+    """VTK names it also where all values are text."""
+    arrays = (("connectivity", "0 1 2"), ("offsets", "3"), ("types", "5"))
+    cells = "".join(f'<DataArray type="Int64" Name="{name}" format="ascii">{of}</DataArray>' for name, of in arrays)
+    (tmp_path / "m.vtu").write_text(
+        '<VTKFile type="UnstructuredGrid" compressor="vtkLZ4DataCompressor"><UnstructuredGrid>'
+        '<Piece NumberOfPoints="3" NumberOfCells="1"><Points><DataArray type="Float32" NumberOfComponents="3" '
+        'format="ascii">0 0 0 1 0 0 0 1 0</DataArray></Points>'
+        f"<Cells>{cells}</Cells></Piece></UnstructuredGrid></VTKFile>"
+    )
+    mesh = read_mesh(tmp_path / "m.vtu")
+    write_mesh(tmp_path / "moved.vtu", replace(mesh, points=mesh.points + 1 / 3))
+    assert read_mesh(tmp_path / "moved.vtu").points.tolist() == (mesh.points + 1 / 3).tolist()
+    text = (tmp_path / "m.vtu").read_text()
+    (tmp_path / "m.vtu").write_text(text.replace('format="ascii">5', 'format="binary">AQAAAAEAAAA='))
+    one_line(tmp_path / "m.vtu", "compressed by vtkLZ4DataCompressor; .*compressor ZLib")
 
 
 def test_a_keyword_in_the_line_of_the_values_before_it(tmp_path: Path) -> None:

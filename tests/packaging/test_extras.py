@@ -1,6 +1,7 @@
 """Each extra alone: a command that needs more says which extra to install."""
 
 import subprocess
+import sys
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
@@ -82,3 +83,16 @@ def test_every_required_package_is_known_by_its_extra() -> None:
     assert extra_of("matplotlib") == "plot"
     assert extra_of("mesh_motion_client") is None
     assert not_installed(ModuleNotFoundError(name="somebodys_own")) is None
+
+
+def test_sources_that_are_not_installed_say_so(tmp_path: Path) -> None:
+    """Only the client is installed, and the working folder is a checkout: ``-m`` finds the sources."""
+    for name, folder in (("mesh_motion_server", ROOT), ("mesh_motion_protocol", ROOT / "adapters" / "python")):
+        (tmp_path / name).symlink_to(folder / name)
+    command = [sys.executable, "-S", "-m", "mesh_motion_server", "serve"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 69
+    assert done.stderr == (
+        "mesh-motion: mesh-motion-server is not installed, only its sources are here (pip install '.[server]' in their "
+        "folder)\n"
+    )

@@ -9,7 +9,7 @@ the others its patches.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from importlib import import_module
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -44,8 +44,9 @@ _ALIGNED = {8: ("quad", [0, 1, 3, 2]), 11: ("hexahedron", [0, 1, 3, 2, 4, 5, 7, 
 _NO_CELLS = (0, 1, 2)
 _ODD = {4: "polylines", 6: "triangle strips", 7: "polygons", 15: "prisms", 16: "prisms", 42: "polyhedra"}
 _PREFIX = "patch_"
-#: meshio's arrays of numbers that name patches: of Gmsh, MED, Medit and Netgen; the first existing one is used.
-_NUMBERS = ("gmsh:physical", "cell_tags", "medit:ref", "netgen:index", "gmsh:geometrical")
+#: Arrays of numbers on cells that name patches, as in files; the first existing one is used.
+_NUMBERS = ("patch", "gmsh:physical", "CellEntityIds", "cell_tags", "medit:ref", "netgen:index", "ObjectId", "Label",
+            "GeometryIds", "MaterialID", "gmsh:geometrical")  # fmt: skip
 
 
 class Content(NamedTuple):
@@ -84,7 +85,10 @@ def to_pyvista(mesh: Mesh, points: Floats) -> Any:
 
 
 def from_pyvista(dataset: Any, wanted: Iterable[str]) -> Content:
-    """Return the content of a dataset; the patch ``name`` has the nodes whose ``name`` or ``patch_<name>`` is not 0."""
+    """Return the content of a dataset; patches are arrays of points or cells, or numbers of cells, as in files.
+
+    The patch ``name`` has the nodes where the array ``name`` or ``patch_<name>`` is not 0.
+    """
     if not hasattr(dataset, "cast_to_unstructured_grid"):
         raise InvalidInput(
             f"expected a dataset of PyVista, got {type(dataset).__name__}",
@@ -99,14 +103,22 @@ def from_pyvista(dataset: Any, wanted: Iterable[str]) -> Content:
             f"expected {', '.join(_TYPES)}, pixels, voxels",
             hint="dataset.triangulate() divides them; curved ones: save a .vtu for Mesh.load, which takes corners",
         )
-    blocks: dict[str, list[Ints]] = {}
-    for kind in sorted(kinds):
-        name, order = ours[kind]
-        blocks.setdefault(name, []).append(np.asarray(grid.cells_dict[kind])[:, order])
-    cells = {name: np.concatenate(parts) for name, parts in blocks.items()}
-    marks = {name.removeprefix(_PREFIX): values for name, values in grid.point_data.items()}
-    _check_patches("the point arrays", wanted, marks)
-    return _content(grid.points, cells, {name: np.flatnonzero(marks[name]) for name in wanted})
+    blocks = [(ours[kind][0], np.asarray(grid.cells_dict[kind])[:, ours[kind][1]]) for kind in sorted(kinds)]
+    of_cells = {
+        name: [np.asarray(values)[grid.celltypes == kind] for kind in sorted(kinds)]
+        for name, values in grid.cell_data.items()
+        if np.ndim(values) == 1
+    }
+    found: dict[str, Ints] = {
+        name.removeprefix(_PREFIX): np.flatnonzero(values) for name, values in grid.point_data.items()
+    }
+    for name, parts in of_cells.items():
+        own = _nodes(nodes[marks != 0] for (_, nodes), marks in zip(blocks, parts, strict=True))
+        found.setdefault(name.removeprefix(_PREFIX), own)
+    for name, nodes in _numbered(blocks, of_cells).items():
+        found.setdefault(name, nodes)
+    _check_patches("the arrays and numbers", wanted, found)
+    return _content(grid.points, _by_type(blocks), {name: found[name] for name in wanted})
 
 
 # --- meshio ----------------------------------------------------------------------------------------------------------
@@ -121,10 +133,7 @@ def from_meshio(mesh: Any, wanted: Iterable[str]) -> Content:
         raise InvalidInput(
             f"expected a meshio.Mesh, got {type(mesh).__name__}", hint="meshio.read(…), or Mesh.load of a file"
         )
-    blocks: dict[str, list[Ints]] = {}
-    for block in mesh.cells:
-        if block.type != "vertex":
-            blocks.setdefault(block.type, []).append(np.asarray(block.data))
+    blocks = [(block.type, np.asarray(block.data)) for block in mesh.cells]
     found = {name: np.asarray(nodes) for name, nodes in mesh.point_sets.items()}
     for name, rows in mesh.cell_sets.items():
         found[name] = _nodes(block.data[chosen] for block, chosen in zip(mesh.cells, rows, strict=True) if len(chosen))
@@ -132,26 +141,39 @@ def from_meshio(mesh: Any, wanted: Iterable[str]) -> Content:
     for name, (number, _) in mesh.field_data.items():
         marked = zip(mesh.cells, groups, strict=False)
         found.setdefault(name, _nodes(block.data[np.asarray(group) == number] for block, group in marked))
-    for name, nodes in _numbered(mesh).items():
+    for name, nodes in _numbered(blocks, mesh.cell_data).items():
         found.setdefault(name, nodes)
     _check_patches("the sets of points and cells", wanted, found)
-    patches = {name: found[name] for name in wanted}
-    return _content(mesh.points, {name: np.concatenate(parts) for name, parts in blocks.items()}, patches)
+    cells = _by_type([block for block in blocks if block[0] != "vertex"])
+    return _content(mesh.points, cells, {name: found[name] for name in wanted})
 
 
-def _numbered(mesh: Any) -> dict[str, Ints]:
-    """The nodes of each number below the cells' dimension, in the first of :data:`_NUMBERS`."""
-    array: list[Any] = next((mesh.cell_data[name] for name in _NUMBERS if name in mesh.cell_data), [])
-    of = [_TYPES[block.type][0] if block.type in _TYPES else 0 for block in mesh.cells]
+def _by_type(blocks: Iterable[tuple[str, Ints]]) -> dict[str, Ints]:
+    """The cells of several blocks by their type."""
+    found: dict[str, list[Ints]] = {}
+    for name, nodes in blocks:
+        found.setdefault(name, []).append(nodes)
+    return {name: np.concatenate(parts) for name, parts in found.items()}
+
+
+def _numbered(blocks: Sequence[tuple[str, Ints]], arrays: Mapping[str, Sequence[Any]]) -> dict[str, Ints]:
+    """The nodes of each number below the cells' dimension, in the first of :data:`_NUMBERS` that has one.
+
+    Arrays have a part for each block of cells.
+    """
+    of = [_TYPES[name][0] if name in _TYPES else 0 for name, _ in blocks]
     found: dict[str, Ints] = {}
-    for dimension in range(max(of, default=0) - 1, 0, -1):
-        marked = zip(mesh.cells, array, of, strict=False)
-        own = [(block.data, np.asarray(numbers)) for block, numbers, kind in marked if kind == dimension]
-        taken = set(found)
-        for number in np.unique(np.concatenate([np.empty(0, np.int64), *(numbers for _, numbers in own)])).tolist():
-            if number:
-                name = f"curve_{int(number)}" if str(int(number)) in taken else str(int(number))
-                found[name] = _nodes(nodes[numbers == number] for nodes, numbers in own)
+    for array in (arrays[name] for name in _NUMBERS if name in arrays):
+        for dimension in range(max(of, default=0) - 1, 0, -1):
+            marked = zip(blocks, array, of, strict=False)
+            own = [(nodes, np.asarray(numbers)) for (_, nodes), numbers, kind in marked if kind == dimension]
+            taken = set(found)
+            for number in np.unique(np.concatenate([np.empty(0, np.int64), *(numbers for _, numbers in own)])).tolist():
+                if number:
+                    name = f"curve_{int(number)}" if str(int(number)) in taken else str(int(number))
+                    found[name] = _nodes(nodes[numbers == number] for nodes, numbers in own)
+        if found:
+            break
     return found
 
 

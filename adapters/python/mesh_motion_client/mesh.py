@@ -159,8 +159,9 @@ class Mesh(Described):
         ----------
         dataset : pyvista.DataSet
         roles : dict
-            Name of each patch → its role. The patch's nodes are those where the point array ``name`` or
-            ``patch_<name>`` is not 0.
+            Name of each patch → its role. The patch's nodes are those where the array ``name`` or ``patch_<name>`` of
+            points or cells is not 0; or the name is a number of faces (in 2D: edges) in an array such as
+            ``gmsh:physical``, as in ``.vtu`` files.
 
         Raises
         ------
@@ -178,7 +179,7 @@ class Mesh(Described):
         mesh : meshio.Mesh
         roles : dict
             Name of each patch → its role. A patch is a set of points, a set of cells, a named physical group of Gmsh,
-            or a number in ``gmsh:physical``, ``cell_tags``, ``medit:ref``, ``netgen:index`` or ``gmsh:geometrical``.
+            or a number in ``gmsh:physical``, ``cell_tags``, ``medit:ref``, ``netgen:index``, ….
 
         Raises
         ------
@@ -219,7 +220,7 @@ class Mesh(Described):
             raise InvalidInput(
                 f"{where}patch {without[0]!r} has no role; roles are given of {sorted(roles)}",
                 hint=next(
-                    (f"{name!r} is not a patch: {hint}" for name in unknown if (hint := meant(name, without[:1]))),
+                    (f"{name!r} is not a patch: {hint}" for name in unknown if (hint := meant(name, without))),
                     f"add {without[0]!r}: 'moving' or 'fixed', or 'free' to leave it out",
                 ),
             )

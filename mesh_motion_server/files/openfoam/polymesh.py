@@ -67,8 +67,8 @@ def _polymesh_folder(path: Path) -> Path:
     hint = "a case has its mesh in constant/polyMesh (blockMesh makes it)"
     regions = sorted(one.parent.name for one in folder.glob("constant/*/polyMesh") if one.is_dir())
     if regions:
-        hint = f"its meshes are those of regions: give one, {path / 'constant' / regions[0]}"
-    if (folder / "processor0").is_dir():
+        hint = f"its meshes are those of regions: give one, {folder / 'constant' / regions[0]}"
+    if any(one.is_dir() for one in folder.glob("processor*")):  # collated: processors2
         hint = "the case is decomposed: reconstructParMesh -constant merges it"
     raise InvalidInput(f"{path}: neither an OpenFOAM case nor a polyMesh folder: no file 'faces'", hint=hint)
 
@@ -118,6 +118,6 @@ def _move(source: Path, target: Path, points: Floats) -> None:
     FoamFile.find(target, "points").write_vectors(moved)
 
 
-_IN_FOLDER = re.compile(rb"(?m)^(faces|faces\.gz|constant|polyMesh|system|processor0)$")
+_IN_FOLDER = re.compile(rb"(?m)^(faces|faces\.gz|constant|polyMesh|system|processors?\d+)$")
 OPENFOAM = Format("an OpenFOAM case", (), _IN_FOLDER, read_polymesh, move=_move, folder=True)
 FOAM_FILE = Format("an OpenFOAM case", (".foam",), re.compile(rb"\A\s*\Z"), read_polymesh, move=_move)

@@ -8,6 +8,7 @@ part or instance is read: Abaqus counts the nodes of each apart.
 http://www.dhondt.de/ccx_2.20.pdf, chapter 7
 """
 
+import os
 import re
 from collections import defaultdict
 from collections.abc import Iterator
@@ -16,12 +17,13 @@ from pathlib import Path
 
 import numpy as np
 from mesh_motion_numerics.arrays import Floats, Integers
-from mesh_motion_numerics.mesh.cells import CELL_TYPES
+from mesh_motion_numerics.mesh.cell_facets import facet_nodes, matched_facets
+from mesh_motion_numerics.mesh.cells import CELL_TYPES, CellTable
 from mesh_motion_protocol.errors import InvalidInput
 
 from mesh_motion_server.files.format import Format
-from mesh_motion_server.files.mesh_file import MeshFile, all_outside, assemble_elements, by_name
-from mesh_motion_server.files.moved import edit_lines, move_rows
+from mesh_motion_server.files.mesh_file import MeshFile, all_outside, assemble_elements, by_name, concatenated
+from mesh_motion_server.files.moved import edit
 from mesh_motion_server.files.numbering import NumberedRows
 from mesh_motion_server.files.sides import ABAQUS, PLANES, SHELLS, SOLIDS, side_nodes
 from mesh_motion_server.files.text import integer, real, text_of
@@ -38,10 +40,9 @@ _FAMILIES = (
 _MAKING = {"NGEN", "NFILL", "NCOPY", "NMAP", "ELGEN", "ELCOPY"}
 _ALL_LISTED = "Abaqus/CAE writes one list of nodes with noPartsInputFile=ON, under Model, Edit Attributes"
 
-#: A keyword whose data are in another file; ``*INCLUDE`` has that file instead.
-_INPUT = re.compile(
-    r"(?im)^[ \t]*\*(INCLUDE|NODE|ELEMENT|NSET|ELSET|SURFACE)\b(.*?),\s*INPUT\s*=\s*(\"[^\"\n]*\"|[^,\n]+)(.*)$"
-)
+#: A keyword that may have its data in another file, and its parameters; after a comma at the end of a line they go on.
+_READING = re.compile(rb"(?im)^[ \t]*\*[ \t]*(INCLUDE|NODE|ELEMENT|NSET|ELSET|SURFACE)\b((?:.*,[ \t\r]*\n)*.*)$")
+_INPUT = re.compile(rb"(?i),\s*INPUT\s*=\s*(\"[^\"\n]*\"|[^,\r\n]+)")
 
 
 #: Largest number of numbers that a set may name in one line; most of them may not exist.
@@ -91,26 +92,28 @@ def _read(path: Path) -> MeshFile:
     malformed lines; names the keyword and line.
     """
     try:
-        return _mesh(path, _content(_whole(path, path.resolve().parent, set())))
+        return _mesh(path, _content(text_of(_whole(path, path.resolve().parent, set()))))
     except (ValueError, IndexError, KeyError, OverflowError) as error:
         raise InvalidInput(f"{path}: malformed input of Abaqus or CalculiX: {error}") from None
 
 
-def _whole(path: Path, folder: Path, seen: set[Path]) -> str:
-    """The text of a file, with the text of the files that it includes."""
+def _whole(path: Path, folder: Path, seen: set[Path]) -> bytes:
+    """The content of a file, with the content of the files that it includes."""
     found = path.resolve()
     if not found.is_relative_to(folder) or not found.is_file() or found in seen:
         missing = "not there: run the pre-processor that writes it (cgx, for example), or copy it there"
         reason = "included twice" if found in seen else missing if found.is_relative_to(folder) else "not in its folder"
         raise ValueError(f"*INCLUDE of {path.name!r}, which is {reason}")
     seen.add(found)
-    text = text_of(path.read_bytes())
 
-    def inserted(found: re.Match[str]) -> str:
-        content = _whole(folder / found[3].strip().strip('"'), folder, seen)
-        return content if found[1].upper() == "INCLUDE" else f"*{found[1]}{found[2]}{found[4]}\n{content}"
+    def inserted(keyword: re.Match[bytes]) -> bytes:
+        if (given := _INPUT.search(keyword[2])) is None:
+            return keyword[0]
+        content = _whole(folder / os.fsdecode(given[1].strip().strip(b'"')), folder, seen)
+        parameters = keyword[2].replace(given[0], b"")
+        return content if keyword[1].upper() == b"INCLUDE" else b"*" + keyword[1] + parameters + b"\n" + content
 
-    return _INPUT.sub(inserted, text)
+    return _READING.sub(inserted, found.read_bytes())
 
 
 def _blocks(text: str) -> Iterator[tuple[int, str, dict[str, str], list[str]]]:
@@ -134,8 +137,11 @@ def _blocks(text: str) -> Iterator[tuple[int, str, dict[str, str], list[str]]]:
 
 def _content(text: str) -> _Content:
     """Read all keywords that describe the mesh."""
-    found = _Content()
+    found, first_spelled = _Content(), dict[tuple[str, str], str]()
     for number, keyword, given, lines in _blocks(text):
+        for key in {"NSET", "ELSET", "NAME"} & {*given}:  # upper and lower case are the same
+            kind = keyword if key == "NAME" else key
+            given[key] = first_spelled.setdefault((kind, given[key].upper()), given[key])
         try:
             match keyword:
                 case "PART":
@@ -175,9 +181,9 @@ def _add_instance(found: _Content, name: str, *, moved: bool) -> None:
 def _add_nodes(found: _Content, given: dict[str, str], lines: list[str]) -> None:
     if given.get("SYSTEM", "R").upper() != "R":
         raise ValueError(f"SYSTEM={given['SYSTEM']}, expected Cartesian coordinates")
-    rows = [_words(line) for line in lines]
+    rows = [[word.strip() for word in line.split(",")] for line in lines]
     found.numbers.append(np.array([integer(row[0]) for row in rows], dtype=np.int64))
-    xyz = [[_real(word) for word in (row[1:4] + ["0"] * 3)[:3]] for row in rows]
+    xyz = [[real(word or "0") for word in (row[1:4] + [""] * 3)[:3]] for row in rows]  # blank ones are zero
     found.points.append(np.array(xyz, dtype=np.float64).reshape(-1, 3))
     found.of_nodes.add(given.get("NSET", ""))
     found.node_sets[given.get("NSET", "")] += found.numbers[-1].tolist()
@@ -188,23 +194,19 @@ def _add_surface(found: _Content, given: dict[str, str], lines: list[str]) -> No
     if given.get("TYPE", "ELEMENT").upper() == "NODE":
         found.node_sets[given["NAME"]] += [item for row in rows for item in _items(found, row[:1])]
         return
-    if bare := next((row for row in rows if len(row) < 2), None):
-        raise ValueError(f"{bare[0]!r} without a side; name its sides S1, S2, …")
-    found.surfaces[given["NAME"]] += [(_plain(found, row[0]), row[1]) for row in rows]
+    if "COMBINE" in given:
+        raise ValueError(f"COMBINE={given['COMBINE']} of other surfaces; list its elements and their sides")
+    found.surfaces[given["NAME"]] += [(_plain(found, row[0]), "".join(row[1:2])) for row in rows]
 
 
 def _words(line: str) -> list[str]:
     return [word.strip().strip('"') for word in line.split(",") if word.strip()]
 
 
-def _real(word: str) -> float:
-    """A number, of which Fortran may have written the exponent: 1.5D-3."""
-    return real(word.upper().replace("D", "E"))
-
-
 def _plain(found: _Content, word: str) -> str:
     """A number or a name without that of its instance: ``Part-1-1.7``."""
-    return next((word[len(name) + 1 :] for name in found.instances if word.startswith(f"{name}.")), word)
+    beginnings = [f"{name}.".upper() for name in found.instances]
+    return next((word[len(start) :] for start in beginnings if word.upper().startswith(start)), word)
 
 
 def _items(found: _Content, words: list[str]) -> list[_Item]:
@@ -219,7 +221,8 @@ def _listed(content: _Content, lines: list[str], *, generate: bool) -> list[_Ite
         return [item for line in lines for item in _items(content, _words(line))]
     found: list[_Item] = []
     for line in lines:
-        first, last, *steps = (integer(word) for word in _words(line))
+        first, *more = (integer(word) for word in _words(line))
+        last, *steps = more or [first]
         if min(steps, default=1) < 1:
             raise ValueError(f"an increment of {min(steps)}, expected at least 1")
         numbers = range(first, last + 1, *steps)
@@ -287,7 +290,8 @@ def _mesh(path: Path, found: _Content) -> MeshFile:
         for items, side in parts:
             own = np.array([integer(items)]) if items.isdigit() else _flat(found.element_sets, items)
             _require_read(found, own)
-            for of in _surface(blocks, own, side, plane=dimension == 2):
+            sides = _surface(blocks, own, side, plane=dimension == 2) if side else [_free(blocks, own, dimension)]
+            for of in sides:
                 parts_of[name].append((dimension - 1, of.ravel()))
     for name in found.node_sets:
         of_elements = [_flat(found.element_sets, other) for other in found.nodes_of.get(name, ())]
@@ -295,7 +299,9 @@ def _mesh(path: Path, found: _Content) -> MeshFile:
         listed = rows(_flat(found.node_sets, name), f"set {name!r}: node")
         own = np.unique(np.concatenate([listed, *nodes]))
         # the set of all nodes is not a patch, except that of both sides of one layer of elements
-        if len(own) < len(points) or (name not in found.of_nodes and all_outside(cells, len(points))):
+        if not _filled(found, name, blocks, dimension, own) and (
+            len(own) < len(points) or (name not in found.of_nodes and all_outside(cells, len(points)))
+        ):
             parts_of[name].append((0, own))
     for name, own in _sides(found, blocks, dimension).items():
         for block in blocks:
@@ -306,6 +312,16 @@ def _mesh(path: Path, found: _Content) -> MeshFile:
     mesh = assemble_elements(path, points, cells, nodes_of)
     notes += [f"its elements of type {', '.join(sorted(found.left_out))} are not read"] * bool(found.left_out)
     return replace(mesh, notes=(*mesh.notes, *notes))
+
+
+def _filled(found: _Content, name: str, blocks: list[_Block], dimension: int, own: Integers) -> bool:
+    """Whether a set of nodes has all nodes of the cells in the set of elements with its name: CAE writes both."""
+    if not any(key.upper() == name.upper() for key in found.element_sets):
+        return False
+    ids = _flat(found.element_sets, name)
+    inside = [of.nodes[np.isin(of.ids, ids)].ravel() for of in blocks if CELL_TYPES[of.name].dimension == dimension]
+    nodes = np.concatenate(inside)
+    return len(nodes) > 0 and bool(np.isin(nodes, own).all())
 
 
 def _require_read(found: _Content, own: Integers) -> None:
@@ -347,37 +363,61 @@ def _surface(blocks: list[_Block], own: Integers, side: str, *, plane: bool) -> 
             yield side_nodes(block.name, chosen, sides, SHELLS if as_shell else ABAQUS)
 
 
+def _free(blocks: list[_Block], own: Integers, dimension: int) -> Integers:
+    """The nodes of the sides of these elements that belong to no other element, as Abaqus takes them for no side."""
+    ids: dict[str, list[Integers]] = defaultdict(list)
+    corners: dict[str, list[Integers]] = defaultdict(list)
+    for block in blocks:
+        if (kind := CELL_TYPES[block.name]).dimension == dimension:
+            ids[block.name].append(block.ids)
+            corners[block.name].append(block.nodes[:, : kind.n_nodes])
+    cells = CellTable.from_arrays(concatenated(corners))
+    single, _, _ = matched_facets(cells)
+    of_cells = np.concatenate([np.concatenate(ids[block.type.name]) for block in cells])
+    nodes = facet_nodes(cells, single[np.isin(of_cells[single // 8], own)]).astype(np.int64)
+    return nodes[nodes >= 0]
+
+
 def _move(source: Path, target: Path, points: Floats) -> None:
-    """Write the file with other coordinates of the nodes."""
+    """Write the file with other coordinates of the nodes; with its included files as one, if nodes are in these."""
 
-    def change(lines: list[bytes]) -> None:
-        done, place = 0, 0
-        while place < len(lines):
-            head = lines[place].strip().upper()
-            place += 1
-            if re.match(rb"\*NODE\s*(,|$)", head):
-                end = place
-                while end < len(lines) and not re.match(rb"\s*\*[^*]", lines[end]):
-                    end += 1
-                listed = [k for k in range(place, end) if (row := lines[k].strip()) and not row.startswith(b"**")]
-                for k in listed:
-                    lines[k] = _complete(lines[k], points.shape[1])
-                rows = len(listed)
-                place = move_rows(lines, place, points[done : done + rows], column=1, comment=b"**")
-                done += rows
-        if done < len(points):
-            hint = "name the file with *NODE as IN, whose nodes have the same order, or take .vtu"
-            raise InvalidInput(f"{source}: {len(points) - done} of its nodes are in files that it includes", hint=hint)
+    def changed(data: bytes) -> bytes:
+        lines, rows = _node_rows(data)
+        if len(rows) < len(points):
+            lines, rows = _node_rows(_whole(source, source.resolve().parent, set()))
+        for row, values in zip(rows, points.tolist(), strict=True):
+            lines[row] = _moved(lines[row], values)
+        return b"".join(lines)
 
-    edit_lines(source, target, change)
+    edit(source, target, changed)
 
 
-def _complete(row: bytes, dimension: int) -> bytes:
-    """The row of a node with its last coordinates, which may be left out where they are zero."""
-    words = row.rstrip(b", \t\r\n").split(b",")
-    missing = 1 + dimension - len(words)
-    return b",".join([*words, *([b" 0."] * missing)]) + b"\n" if missing > 0 else row
+def _node_rows(data: bytes) -> tuple[list[bytes], list[int]]:
+    """The lines of a file, and the places of those of its nodes."""
+    lines, rows = data.splitlines(keepends=True), list[int]()
+    in_nodes = in_keyword = False
+    for place, line in enumerate(lines):
+        text = line.strip()
+        if not text or text.startswith(b"**"):
+            continue
+        if starts := text.startswith(b"*"):
+            in_nodes = re.match(rb"(?i)\*\s*NODE\s*(,|$)", text) is not None
+        elif in_nodes and not in_keyword:
+            rows.append(place)
+        in_keyword = (starts or in_keyword) and text.endswith(b",")  # its parameters go on in the next line
+    return lines, rows
 
 
-_HEAD = re.compile(rb"\A(\s|\*\*.*\n)*\*[A-Za-z]")
+def _moved(line: bytes, values: list[float]) -> bytes:
+    """The row of a node with other coordinates; they may be blank or left out where they are zero."""
+    fields = line.rstrip(b"\r\n").split(b",")
+    end = line[len(line.rstrip(b"\r\n")) :]
+    fields += [b" "] * (1 + len(values) - len(fields))
+    for k, value in enumerate(values, start=1):
+        word, new = fields[k].strip(), repr(value).encode()
+        fields[k] = fields[k].replace(word, new) if word else b" " + new
+    return b",".join(fields) + end
+
+
+_HEAD = re.compile(rb"\A(\s|\*\*.*\n)*\*[ \t]*(?!FLAC3D)[A-Za-z]")
 ABAQUS_INP = Format("an input of Abaqus or CalculiX", (".inp",), _HEAD, _read, move=_move)

@@ -17,12 +17,15 @@ from mesh_motion_protocol.errors import InvalidInput
 
 from mesh_motion_server.files.format import Format
 from mesh_motion_server.files.mesh_file import MeshFile, all_outside, assemble_elements
-from mesh_motion_server.files.moved import edit_lines, move_rows
+from mesh_motion_server.files.moved import edit
 from mesh_motion_server.files.numbering import NumberedRows
 from mesh_motion_server.files.sides import PLANES, SOLIDS
-from mesh_motion_server.files.text import integer, real, text_of
+from mesh_motion_server.files.text import integer, number_array, real, text_of
 
 _SIZE = re.compile(r"(\d)D(\d+)(N|$)")
+_COMMENT = re.compile(rb"//[^\n]*|/\*.*?\*/", re.DOTALL)
+_NODES = re.compile(rb"(?ms)^[ \t]*Begin[ \t]+Nodes\b[^\n]*\n(.*?)^[ \t]*End\b")
+_WORD = re.compile(rb"\S+")
 _SOLIDS, _PLANES = SOLIDS | {3: "triangle", 2: "line"}, PLANES | {2: "line"}
 #: Names of geometries, and of elements that are not volumes although their nodes are in space.
 _NAMED = (
@@ -59,23 +62,32 @@ def _read(path: Path) -> MeshFile:
     Raises InvalidInput for unknown elements, missing numbers, and malformed blocks; names the block and its line.
     """
     try:
-        return _mesh(path, _content(text_of(path.read_bytes())))
+        return _mesh(path, _content(text_of(_plain(path.read_bytes()))))
     except (ValueError, IndexError, OverflowError) as error:
         raise InvalidInput(f"{path}: malformed Kratos mesh: {error}") from None
 
 
-def _blocks(text: str) -> Iterator[tuple[int, list[str], list[str], list[list[str]]]]:
-    """Yield line number, names of the enclosing parts, words of the head, and rows of each block."""
+def _plain(data: bytes) -> bytes:
+    """The file with blanks for comments; all else stays in its place."""
+    return _COMMENT.sub(lambda comment: re.sub(rb"[^\n]", b" ", comment[0]), data)
+
+
+def _blocks(text: str) -> Iterator[tuple[int, list[str], list[str], list[str], int]]:
+    """Yield line number, names of the enclosing parts, words of the head, and the words of each block.
+
+    The last result is the number of words in the block's first line: words may be in any lines.
+    """
     open_blocks: list[tuple[int, list[str], list[list[str]]]] = []
-    for number, line in enumerate(text.splitlines(), start=1):
-        words = line.partition("//")[0].split()
+    for number, line in enumerate(text.split("\n"), start=1):
+        words = line.split()
         if words[:1] == ["Begin"]:
             open_blocks.append((number, words[1:], []))
         elif words[:1] == ["End"]:
             if not open_blocks or words[1:2] != open_blocks[-1][1][:1]:
                 raise ValueError(f"line {number}: {line.strip()[:40]!r} ends a block that is not open")
             start, head, rows = open_blocks.pop()
-            yield start, [outer[1] for _, outer, _ in open_blocks if outer[0] == "SubModelPart"], head, rows
+            outer = [outer[1] for _, outer, _ in open_blocks if outer[0] == "SubModelPart"]
+            yield start, outer, head, [word for row in rows for word in row], len(rows[0]) if rows else 0
         elif words and open_blocks:
             open_blocks[-1][2].append(words)
     if open_blocks:
@@ -85,50 +97,52 @@ def _blocks(text: str) -> Iterator[tuple[int, list[str], list[str], list[list[st
 def _content(text: str) -> _Content:
     """Read all blocks that describe the mesh."""
     found = _Content()
-    for number, outer, head, rows in _blocks(text):
+    for number, outer, head, words, width in _blocks(text):
         part = found.parts.setdefault(".".join(outer), _Part()) if outer else _Part()
         try:
             match head[0]:
                 case "Nodes":
-                    found.numbers.append(np.array([integer(row[0]) for row in rows], dtype=np.int64))
-                    xyz = [[real(value) for value in row[1:4]] for row in rows]
-                    found.points.append(np.array(xyz, dtype=np.float64).reshape(-1, 3))
-                case "Elements" if rows:
-                    found.elements.append(_rows(head, rows))
-                case "Geometries" if rows:
-                    found.geometries.append(_rows(head, rows))
-                case "Conditions" if rows:
-                    found.conditions.append(_rows(head, rows))
+                    if len(words) % 4:
+                        raise ValueError(f"{len(words)} numbers, expected four for each node")
+                    found.numbers.append(np.array([integer(word) for word in words[::4]], dtype=np.int64))
+                    xyz = [[real(word) for word in words[axis::4]] for axis in (1, 2, 3)]
+                    found.points.append(np.array(xyz, dtype=np.float64).T)
+                case "Elements" if words:
+                    found.elements.append(_rows(head, words, width))
+                case "Geometries" if words:
+                    found.geometries.append(_rows(head, words, width))
+                case "Conditions" if words:
+                    found.conditions.append(_rows(head, words, width))
                 case "SubModelPartNodes":
-                    part.nodes += [integer(word) for row in rows for word in row]
+                    part.nodes += [integer(word) for word in words]
                 case "SubModelPartConditions":
-                    part.conditions += [integer(word) for row in rows for word in row]
+                    part.conditions += [integer(word) for word in words]
                 case "SubModelPartGeometries":
-                    part.geometries += [integer(word) for row in rows for word in row]
+                    part.geometries += [integer(word) for word in words]
                 case "SubModelPartElements":
-                    part.has_elements |= bool(rows)
+                    part.has_elements |= bool(words)
         except (ValueError, IndexError) as error:
             raise ValueError(f"block {' '.join(head)!r} in line {number}: {error}") from None
     return found
 
 
-def _rows(head: list[str], rows: list[list[str]]) -> tuple[str, Integers, Integers]:
-    """Our type, numbers and nodes of the rows. A row is a number, a property (not for geometries), and the nodes."""
+def _rows(head: list[str], words: list[str], width: int) -> tuple[str, Integers, Integers]:
+    """Our type, numbers and nodes of the rows. A row is a number, a property (not for geometries), and the nodes.
+
+    The name of the type ends with the number of nodes, as in Element2D4N; else the first line is a row.
+    """
     before = 1 if head[0] == "Geometries" else 2
-    size = len(rows[0]) - before
     name = head[1] if len(head) > 1 else ""
     named = _SIZE.search(name)
+    size = integer(named[2]) if named is not None else width - before
     usual = _PLANES if named is not None and (named[1] == "2" or head[0] == "Conditions") else _SOLIDS
     types = next((types for form, types in _NAMED if form.search(name)), usual)
-    if size == 1:
-        return "", np.array([integer(row[0]) for row in rows]), np.array([[integer(row[-1])] for row in rows])
-    if size not in types:
+    if size != 1 and size not in types:
         raise ValueError(f"{size} nodes, expected one of {', '.join(map(str, types))}")
-    wrong = next((row for row in rows if len(row) != size + before), None)
-    if wrong is not None:
-        raise ValueError(f"{' '.join(wrong)!r} has {len(wrong) - before} nodes, expected {size}")
-    values = np.array(rows, dtype=np.int64)
-    return types[size], values[:, 0], values[:, before:]
+    if len(words) % (size + before):
+        raise ValueError(f"{len(words)} numbers, expected {size + before} for each row: {' '.join(words[:8])} …")
+    values = number_array(words, np.int64).reshape(-1, size + before)
+    return types[size] if size > 1 else "", values[:, 0], values[:, before:]
 
 
 def _mesh(path: Path, found: _Content) -> MeshFile:
@@ -173,16 +187,17 @@ def _by_number(found: list[tuple[str, Integers, Integers]]) -> dict[int, tuple[i
 def _move(source: Path, target: Path, points: Floats) -> None:
     """Write the file with other coordinates of the nodes."""
 
-    def change(lines: list[bytes]) -> None:
-        done = 0
-        for place, line in enumerate(lines):
-            if line.split(b"//")[0].split() == [b"Begin", b"Nodes"]:
-                end = next(k for k in range(place, len(lines)) if lines[k].split()[:1] == [b"End"])
-                rows = sum(bool(row.split(b"//")[0].strip()) for row in lines[place + 1 : end])
-                move_rows(lines, place + 1, points[done : done + rows], column=1, comment=b"//")
-                done += rows
+    def changed(data: bytes) -> bytes:
+        plain, parts, end, values = _plain(data), list[bytes](), 0, iter(points.tolist())
+        for block in _NODES.finditer(plain):
+            words = list(_WORD.finditer(plain, *block.span(1)))
+            for node in range(0, len(words), 4):
+                for word, value in zip(words[node + 1 : node + 4], next(values), strict=False):
+                    parts += [data[end : word.start()], repr(value).encode()]
+                    end = word.end()
+        return b"".join([*parts, data[end:]])
 
-    edit_lines(source, target, change)
+    edit(source, target, changed)
 
 
 KRATOS = Format(

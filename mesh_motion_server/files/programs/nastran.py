@@ -1,7 +1,7 @@
 """Bulk data of Nastran and OptiStruct, in small, large and free fields. Properties of shells (in 2D: bars) are patches.
 
 Names of properties are taken from the comments of HyperMesh, ANSA and Femap. Files that are included are read from the
-deck's folder. Nodes in local coordinate systems (CORD2R, CORD2C, CORD2S) get their places in the basic one. Cards that
+deck's folder. Nodes in local coordinate systems (CORD1R, CORD2C, …) get their places in the basic one. Cards that
 do not describe the mesh are skipped.
 
 MSC Nastran Quick Reference Guide, section 4, "Format of Bulk Data Entries"
@@ -20,7 +20,7 @@ from mesh_motion_protocol.errors import InvalidInput
 
 from mesh_motion_server.files.format import Format
 from mesh_motion_server.files.mesh_file import MeshFile, assemble_elements, by_name, named_groups
-from mesh_motion_server.files.moved import edit_lines
+from mesh_motion_server.files.moved import edit
 from mesh_motion_server.files.numbering import NumberedRows
 from mesh_motion_server.files.text import integer, real, text_of
 
@@ -46,16 +46,15 @@ _EXPONENT = re.compile(r"(?<=[\d.])(?=[-+])")
 
 @dataclass(frozen=True, eq=False)
 class _Axes:
-    """A coordinate system: R, C or S (angles in degrees), and three points in another system.
+    """A coordinate system: R, C or S (angles in degrees), and three points in another system, or three nodes.
 
     The points are the origin, one on the axis z, and one in the plane x-z.
     """
 
     kind: str
-    system: int
-    origin: Floats
-    above: Floats
-    beyond: Floats
+    system: int = 0
+    points: Floats = field(default_factory=lambda: np.zeros((3, 3)))
+    nodes: tuple[int, ...] = ()
 
     def cartesian(self, points: Floats) -> Floats:
         """(n, 3) x, y, z of its own coordinates."""
@@ -84,6 +83,7 @@ class _Content:
     points: list[list[float]] = field(default_factory=list)
     elements: dict[tuple[str, int], list[list[int]]] = field(default_factory=lambda: defaultdict(list))
     axes: dict[int, _Axes] = field(default_factory=dict)
+    axes_of_nodes: dict[int, tuple[str, list[int]]] = field(default_factory=dict)
 
     def take(self, name: str, fields: list[str]) -> None:
         """Add a card; cards that do not describe the mesh are skipped."""
@@ -101,8 +101,17 @@ class _Content:
         elif name == "GRDSET":
             self.usual = integer(fields[1] or "0")
         elif name in ("CORD2R", "CORD2C", "CORD2S"):
-            origin, above, beyond = np.array([_real(word) for word in fields[2:11]]).reshape(3, 3)
-            self.axes[integer(fields[0])] = _Axes(name[-1], integer(fields[1] or "0"), origin, above, beyond)
+            points = np.array([_real(word) for word in fields[2:11]]).reshape(3, 3)
+            self.axes[integer(fields[0])] = _Axes(name[-1], integer(fields[1] or "0"), points)
+        elif name in ("CORD1R", "CORD1C", "CORD1S"):
+            for number, *of in (fields[:4], fields[4:8]):  # a card has one or two systems
+                if number:
+                    self.axes[integer(number)] = _Axes(name[-1], nodes=tuple(integer(word) for word in of))
+
+        elif name in ("CORD1R", "CORD1C", "CORD1S"):  # two systems in a card
+            for own in (fields[:4], fields[4:8]):
+                if any(own):
+                    self.axes_of_nodes[integer(own[0])] = name[-1], [integer(word) for word in own[1:]]
 
     def places(self) -> Floats:
         """(n, 3) the nodes in the basic coordinate system.
@@ -120,9 +129,15 @@ class _Content:
         if system == 0:
             return points
         if system not in self.axes or system in seen:
-            raise ValueError(f"nodes in the coordinate system {system}, which no CORD2R, CORD2C or CORD2S defines")
+            raise ValueError(f"nodes in the coordinate system {system}, which no CORD1 or CORD2 (R, C, S) defines")
         axes, within = self.axes[system], (*seen, system)
-        origin, above, beyond = self._basic(axes.system, np.array([axes.origin, axes.above, axes.beyond]), within)
+        if axes.nodes:
+            rows = NumberedRows.of(np.array(self.numbers))(np.array(axes.nodes), f"coordinate system {system}: node")
+            own = [(self.systems[row], np.array([self.points[row]])) for row in rows]
+            parts = [self._basic(self.usual if of < 0 else of, point, within) for of, point in own]
+            origin, above, beyond = np.concatenate(parts)
+        else:
+            origin, above, beyond = self._basic(axes.system, axes.points, within)
         z = above - origin
         y = np.cross(z, beyond - origin)
         x = np.cross(y, z)
@@ -145,15 +160,15 @@ def _read(path: Path) -> MeshFile:
         raise InvalidInput(f"{path}: malformed Nastran deck: {error}") from None
 
 
-def _lines(path: Path, folder: Path, within: tuple[Path, ...]) -> list[str]:
-    """The lines of a file, with those of the files that it includes."""
-    found: list[str] = []
-    lines = iter([text_of(line) for line in path.read_bytes().splitlines()])
+def _lines(path: Path, folder: Path, within: tuple[Path, ...]) -> list[bytes]:
+    """The lines of a file with their ends, with those of the files that it includes."""
+    found: list[bytes] = []
+    lines = iter(path.read_bytes().splitlines(keepends=True))
     for line in lines:
-        if match := _INCLUDE.match(line):
+        if match := _INCLUDE.match(text_of(line)):
             name = match[1]
             while name.count("'") == 1:  # it goes on in the next line
-                name = name.strip() + next(lines, "'").strip()
+                name = name.strip() + text_of(next(lines, b"'")).strip()
             name = name.split("'")[1] if "'" in name else name.partition("$")[0].strip().strip('"')
             other = (folder / name).resolve()
             if not other.is_relative_to(folder) or not other.is_file() or other in within:
@@ -162,19 +177,21 @@ def _lines(path: Path, folder: Path, within: tuple[Path, ...]) -> list[str]:
                 raise ValueError(f"INCLUDE of {name!r}, which {reason}")
             found += _lines(other, folder, (*within, other))
         else:
-            found.append(line)
+            found.append(line if line.endswith((b"\n", b"\r")) else line + b"\n")
     return found
 
 
-def _cards(lines: list[str]) -> Iterator[tuple[list[int], str, list[str]]]:
+def _cards(lines: list[bytes]) -> Iterator[tuple[list[int], str, list[str]]]:
     """Yield the lines, the name, and the fields after the name, of each card of the bulk data."""
-    begin = next((place for place, line in enumerate(lines, start=1) if re.match(r"(?i)\s*BEGIN\s+BULK", line)), 0)
+    begin = next((place for place, line in enumerate(lines, start=1) if re.match(rb"(?i)\s*BEGIN\s+BULK", line)), 0)
     places, name, fields = list[int](), "", list[str]()
     for place in range(begin, len(lines)):
-        line = lines[place].partition("$")[0].rstrip()
+        line = text_of(lines[place]).partition("$")[0].rstrip()
         if not line:
             continue
         head, found = _fields(line)
+        if head.startswith("="):
+            raise ValueError(f"line {place + 1}: {line[:20]!r} repeats a card; write each card in full")
         if head[:1].isalpha():
             if name:
                 yield places, name, fields
@@ -206,10 +223,10 @@ def _real(word: str) -> float:
     try:
         return real(word or "0")
     except ValueError:
-        return real(_EXPONENT.sub("E", word.upper().replace("D", "E")) if "E" not in word.upper() else word)
+        return real(word if {*"dDeE"} & {*word} else _EXPONENT.sub("E", word))
 
 
-def _content(lines: list[str]) -> _Content:
+def _content(lines: list[bytes]) -> _Content:
     found = _Content()
     for places, name, fields in _cards(lines):
         try:
@@ -221,10 +238,10 @@ def _content(lines: list[str]) -> _Content:
     return found
 
 
-def _mesh(path: Path, lines: list[str]) -> MeshFile:
+def _mesh(path: Path, lines: list[bytes]) -> MeshFile:
     found = _content(lines)
     rows = NumberedRows.of(np.array(found.numbers, dtype=np.int64))
-    names = {integer(number): name for form in _NAMES for number, name in form.findall("\n".join(lines))}
+    names = {integer(number): name for form in _NAMES for number, name in form.findall(text_of(b"".join(lines)))}
     dimension = max((CELL_TYPES[kind].dimension for kind, _ in found.elements), default=0)
     elements: list[tuple[str, Integers]] = []
     groups: dict[tuple[int, int | str], list[Integers]] = defaultdict(list)
@@ -243,27 +260,29 @@ def _mesh(path: Path, lines: list[str]) -> MeshFile:
 
 
 def _move(source: Path, target: Path, points: Floats) -> None:
-    """Write the deck with other coordinates of the nodes, in large fields of 16 characters."""
+    """Write the deck with other coordinates of the nodes, in large fields of 16 characters.
 
-    def change(lines: list[bytes]) -> None:
-        cards = [card for card in _cards([text_of(line) for line in lines]) if card[1] == "GRID"]
-        if len(cards) < len(points):
-            raise InvalidInput(
-                f"{source}: {len(points) - len(cards)} of its nodes are in files that it includes",
-                hint="put them into one file, or take .vtu",
-            )
-        whole = _content(_lines(source, source.resolve().parent, ())).places()
-        whole[:, : points.shape[1]] = points
-        for (places, _, fields), values in zip(cards, whole.tolist(), strict=True):
+    The included files become part of it, if nodes are in these.
+    """
+
+    def changed(data: bytes) -> bytes:
+        lines, whole = data.splitlines(keepends=True), _lines(source, source.resolve().parent, ())
+        if sum(name == "GRID" for _, name, _ in _cards(lines)) < len(points):
+            lines = whole
+        cards = [card for card in _cards(lines) if card[1] == "GRID"]
+        places = _content(whole).places()
+        places[:, : points.shape[1]] = points
+        for (rows, _, fields), values in zip(cards, places.tolist(), strict=True):
             rest = [*fields[5:8], *[""] * 3][:3]
             words = [f"{word:<16}" for word in (fields[0], "0", *map(_large, values), *rest)]
-            ending = lines[places[0]][len(lines[places[0]].rstrip(b"\r\n")) :] or b"\n"
-            rows = (f"GRID*   {''.join(words[:4])}", f"*       {''.join(words[4:])}")
-            for place in places:
-                lines[place] = b""
-            lines[places[0]] = b"".join(row.rstrip().encode() + ending for row in rows)
+            ending = lines[rows[0]][len(lines[rows[0]].rstrip(b"\r\n")) :] or b"\n"
+            card = (f"GRID*   {''.join(words[:4])}", f"*       {''.join(words[4:])}")
+            for row in rows:
+                lines[row] = b""
+            lines[rows[0]] = b"".join(line.rstrip().encode() + ending for line in card)
+        return b"".join(lines)
 
-    edit_lines(source, target, change)
+    edit(source, target, changed)
 
 
 def _large(value: float) -> str:

@@ -118,7 +118,7 @@ def _numbers(path: Path, data: bytes) -> bytearray | Floats:
         return bytearray(data)
     check_unpacked(path, len(data), sum(int(count) * 8 for count in re.findall(rb"(\d+)\*", data)))
     text = re.sub(rb"(\d+)\*(\S+)", lambda found: (found[2] + b" ") * int(found[1]), data.replace(b",", b" "))
-    return number_array(re.sub(rb"[dD]", b"e", text).split(), np.float64)
+    return number_array(text.split(), np.float64)
 
 
 def _read(path: Path) -> MeshFile:

@@ -16,7 +16,7 @@ from mesh_motion_numerics.mesh.cells import CELL_TYPES
 from mesh_motion_protocol.errors import InvalidInput
 
 from mesh_motion_server.files.format import Format
-from mesh_motion_server.files.mesh_file import MeshFile, assemble_elements, by_name
+from mesh_motion_server.files.mesh_file import MeshFile, assemble_elements, by_name, concatenated
 from mesh_motion_server.files.moved import edit_lines
 from mesh_motion_server.files.numbering import NumberedRows
 from mesh_motion_server.files.text import integer, real, text_of
@@ -48,7 +48,7 @@ _SHAPES = {
     115: ("hexahedron", list(range(8))),
     116: ("hexahedron", [0, 2, 4, 6, 12, 14, 16, 18]),
 }
-_POINTS = (136, 137, 138, 139, 151, 152, 161)  # springs, gaps, masses
+_POINTS = (121, 122, 136, 137, 138, 139, 151, 152, 161)  # rigid elements, springs, gaps, masses
 #: A dataset is between lines of -1; its first number is its type.
 _FENCE = "-1"
 
@@ -114,7 +114,7 @@ def _content(lines: list[str]) -> _Content:
 def _node(found: _Content, lines: list[str], place: int, count: int) -> int:
     words = lines[place].split()
     xyz = words[4:7] if count == 1 else lines[place + 1].split()[:3]
-    values = [real(word.upper().replace("D", "E")) for word in xyz]
+    values = [real(word) for word in xyz]
     if len(values) != 3:
         raise ValueError(f"a node of {len(values)} coordinates, expected 3")
     found.numbers.append(integer(words[0]))
@@ -175,6 +175,7 @@ def _mesh(path: Path, found: _Content) -> MeshFile:
         facets |= {number: (dimension, nodes) for number, nodes in zip(values[:, 0].tolist(), own, strict=True)}
     dimension = max((of for of, _ in facets.values()), default=0)
     groups: dict[str, list[tuple[int, Integers]]] = defaultdict(list)
+    cells_of = _cells_of(found, facets, dimension)
     notes = []
     for name, nodes, members in found.groups:
         unknown = next((number for number in members if number not in facets), None)
@@ -185,12 +186,23 @@ def _mesh(path: Path, found: _Content) -> MeshFile:
         if unknown is not None:
             raise ValueError(f"group {name!r} names element {unknown}, which is not there")
         sides = [(of, own) for of, own in (facets[number] for number in members) if of < dimension]
-        parts = [(0, rows(np.array(nodes, dtype=np.int64), f"group {name!r}: node")), *sides]
+        own = rows(np.array(nodes, dtype=np.int64), f"group {name!r}: node")
+        if len(cells_of.get(name, ())) and np.isin(cells_of[name], own).all():
+            own = own[:0]  # the nodes of a volume
+        parts = [(0, own), *sides]
         groups[name] += [part for part in parts if len(part[1])]
     patches, of_names = by_name({name: parts for name, parts in groups.items() if parts})
     notes += of_names
     mesh = assemble_elements(path, np.array(found.points), elements, patches)
     return replace(mesh, notes=(*mesh.notes, *notes))
+
+
+def _cells_of(found: _Content, facets: dict[int, tuple[int, Integers]], dimension: int) -> dict[str, Integers]:
+    """{group: (p,) nodes of its cells}; several groups may have one name."""
+    cells: dict[str, list[Integers]] = defaultdict(lambda: [np.empty(0, np.int64)])
+    for name, _, members in found.groups:
+        cells[name] += [facets[number][1] for number in members if facets.get(number, (0,))[0] == dimension]
+    return concatenated(cells)
 
 
 def _move(source: Path, target: Path, points: Floats) -> None:

@@ -25,7 +25,9 @@ _ALIGNED = {8: ("quad", [0, 1, 3, 2]), 11: ("hexahedron", [0, 1, 3, 2, 4, 5, 7, 
 _BOX = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)]
 _VERTICES = (0, 1, 2)  # no cell, a vertex, several vertices
 POLYGON, POLYHEDRON = 7, 42
-_OTHERS = {4: "polylines", 6: "triangle strips", POLYGON: "polygons", 41: "polygons", POLYHEDRON: "polyhedra"}
+#: Polylines and triangle strips: each node from the second or the third one on ends a line or a triangle.
+_CHAINS = {4: "line", 6: "triangle"}
+_OTHERS = {POLYGON: "polygons", 41: "polygons", POLYHEDRON: "polyhedra"}
 
 
 def _ranges(first: Integers, sizes: Integers) -> Integers:
@@ -152,6 +154,8 @@ class VtkGrid:
     def cells(self) -> list[tuple[str, Integers, Integers]]:
         """Yield our type's name, rows (m,) among all cells, and corner nodes (m, k), of each type of cell.
 
+        Polylines and triangle strips have several rows with the same number.
+
         Raises ValueError for polygons, polyhedra and unknown types; for a cell with fewer nodes than its type has.
         """
         found, types = [], self.types.copy()
@@ -159,6 +163,9 @@ class VtkGrid:
             types[(types == POLYGON) & (np.diff(self.offsets) == size)] = code
         for code in np.unique(types).tolist():
             if code in _VERTICES:
+                continue
+            if code in _CHAINS:
+                found.append(self._links(code))
                 continue
             name, order = _ALIGNED.get(code, (_FIRST.get(code) or _HIGHER.get(code, ""), None))
             if not name:
@@ -170,6 +177,17 @@ class VtkGrid:
             local = np.arange(_CORNERS[name]) if order is None else np.array(order)
             found.append((name, rows, self.connectivity[self.offsets[rows, None] + local]))
         return found
+
+    def _links(self, code: int) -> tuple[str, Integers, Integers]:
+        """The same for the parts of chains."""
+        name, rows = _CHAINS[code], np.flatnonzero(self.types == code)
+        counts = np.maximum(np.diff(self.offsets)[rows] - _CORNERS[name] + 1, 0)
+        first = _ranges(self.offsets[rows], counts)
+        nodes = self.connectivity[first[:, None] + np.arange(_CORNERS[name])]
+        turned = (first - np.repeat(self.offsets[rows], counts)) % 2 == 1  # in a strip, every second triangle
+        if name == "triangle":
+            nodes[turned] = nodes[turned][:, [0, 2, 1]]
+        return name, np.repeat(rows, counts), nodes
 
     def of_rows(self, rows: Integers) -> VtkGrid:
         """The grid with some of its cells."""

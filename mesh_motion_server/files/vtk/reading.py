@@ -31,6 +31,7 @@ from mesh_motion_server.files.vtk.hdf import move_hdf, read_hdf
 from mesh_motion_server.files.vtk.legacy import read_legacy
 from mesh_motion_server.files.vtk.pieces import PatchKey, VtkPiece, joined, numbering, sources
 from mesh_motion_server.files.vtk.polyhedra import divided
+from mesh_motion_server.files.vtk.scikit_fem import marked_sides
 from mesh_motion_server.files.vtk.xml import read_xml, with_points
 
 PATCH_PREFIX = "patch_"
@@ -179,6 +180,10 @@ def _patches(grids: list[VtkGrid], listed: list[Listed], dimension: int) -> list
     """For each grid, {name or group: (p,) node ids, with repeats}; one array of numbers is used for all grids."""
     facets = [_facets(grid, cells, dimension) for grid, cells in zip(grids, listed, strict=True)]
     found = [_named(grid, own) for grid, own in zip(grids, facets, strict=True)]
+    for own, grid, cells in zip(found, grids, listed, strict=True):
+        whole = [of for of in cells if CELL_TYPES[of[0]].dimension == dimension]
+        sides = marked_sides(_flat(grid.cell_arrays), whole)
+        own |= {(dimension - 1, name): nodes for name, nodes in sides.items()}
     for name in NUMBERED_PATCH_ARRAYS:
         marked = [_numbered(name, grid, own, dimension) for grid, own in zip(grids, facets, strict=True)]
         found = [of | (own or {}) for of, own in zip(found, marked, strict=True)]

@@ -155,11 +155,6 @@ class _Values:
         self._order = order
         self._integer = np.dtype(order + ("u8" if self.root.get("header_type") == "UInt64" else "u4"))
         self._compressor = self.root.get("compressor")
-        if self._compressor and self._compressor not in _COMPRESSORS:
-            raise InvalidInput(
-                f"{path}: compressed by {self._compressor}; known are {', '.join(_COMPRESSORS)}",
-                hint="save it with the compressor ZLib: an option of ParaView, SetCompressorTypeToZLib in VTK",
-            )
 
     def arrays(
         self, piece: ElementTree.Element, section: str, names: tuple[str, ...] = (), rows: int | None = None
@@ -227,6 +222,11 @@ class _Values:
             if size + count > len(data):  # MEDCoupling writes four other bytes instead of the length
                 count = min(count, most)
             return _taken(data, 0, size + count, coded=coded)[size:]
+        if self._compressor not in _COMPRESSORS:  # a text names one, too, but does not use it
+            raise InvalidInput(
+                f"{self._path}: compressed by {self._compressor}; known are {', '.join(_COMPRESSORS)}",
+                hint="save it with the compressor ZLib: an option of ParaView, SetCompressorTypeToZLib in VTK",
+            )
         if not count:
             return b""
         head = size * (3 + count)
@@ -235,7 +235,7 @@ class _Values:
         unpacked, begin, left = [], 0, most
         for length in sizes:
             room = min(left, most_unpacked(self._packed) - self._unpacked) + 1
-            unpacked.append(_COMPRESSORS[self._compressor or ""][0]().decompress(blocks[begin : begin + length], room))
+            unpacked.append(_COMPRESSORS[self._compressor][0]().decompress(blocks[begin : begin + length], room))
             begin, left, self._unpacked = begin + length, left - len(unpacked[-1]), self._unpacked + len(unpacked[-1])
             check_unpacked(self._path, self._packed, self._unpacked)
             if left < 0:
