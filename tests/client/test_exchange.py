@@ -166,7 +166,7 @@ def test_the_most_similar_patch_without_a_role_is_meant(tmp_path):
         **{"patch_Outer.Left": nodes},
     )
     with pytest.raises(
-        InvalidInput, match=r"patch 'Outer' has no role.*'Outer.Lef' is no patch: did you mean 'Outer.Left'"
+        InvalidInput, match=r"patch 'Outer' has no role.*'Outer.Lef' is not a patch: did you mean 'Outer.Left'"
     ):
         Mesh.load(tmp_path / "m.npz", {"Outer.Lef": "moving"})
 

@@ -199,7 +199,8 @@ class MotionModel(DifferentiableMesh):
 
     def _finish(self, step: _Step, predicted: _Predicted, watch: Stopwatch) -> Motion:
         """Correct an interpolated mesh, judge it again and accept it."""
-        motion, sliding = self._accept(predicted, self._correct(step, predicted, watch), watch), predicted.motion.sliding
+        motion = self._accept(predicted, self._correct(step, predicted, watch), watch)
+        sliding = predicted.motion.sliding
         if motion.reached or sliding is None or self.method.correction != "optimised":
             return motion
         # nodes that have slid on a round wall can be where no iterations lead to the threshold
