@@ -15,7 +15,8 @@ template <class Number>
 struct AngleLaw {
     // a larger value keeps more of the angles in a cascade's mesh (0.62 of a skew with 1, 0.73 with 2, instead of 0.56)
     // and less of the size-skew of other meshes; with 2, coarse hexahedra around a body that turns by 40° have no
-    // smooth mesh
+    // smooth mesh; with 4 and a start of 0.01 the cascade keeps 0.86 in one step, but where the blade swings by 5° in
+    // many steps nodes move seven times as fast as the blade (now 1.0), and the smallest shape is 0.45 (now 0.63)
     static constexpr double weight = 0.5, start = 0.05;
     Number x, sum, ratio;
 
