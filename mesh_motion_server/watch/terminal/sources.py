@@ -41,14 +41,18 @@ class FolderSource:
         Raises Unreadable if the folder is not there or cannot be read.
         """
         if not self._root.is_dir():
-            raise Unreadable("the folder is not there (yet)")
+            raise self._unreadable("the folder is not there (yet)")
         try:
             listed = self._overview.listed()
         except (OSError, MeshMotionError) as error:
-            raise Unreadable(f"the folder cannot be read: {error}") from error
+            raise self._unreadable(f"the folder cannot be read: {error}") from error
         found = [entry for entry in listed if self._only in (None, entry["session"])]
         # an order that is stable while no session is added or removed
         return sorted(found, key=lambda one: (one["worker"] == "none", not one["label"], one["label"], one["session"]))
+
+    def _unreadable(self, why: str) -> Unreadable:
+        self._overview = Overview(self._root)  # the next look may find another folder in its place
+        return Unreadable(why)
 
     def details(self, session: str) -> dict[str, Any] | None:
         """One session in the form of :class:`Reading`, and the columns of its ``last`` step; None if it is gone.

@@ -86,7 +86,7 @@ def test_a_session_that_goes_and_a_folder_that_goes(make_session: MakeSession, t
     shutil.rmtree(folder)
     assert source.sessions() == []
     assert source.details(folder.name) is None
-    shutil.rmtree(tmp_path / "state")
+    (tmp_path / "state").rename(tmp_path / "old")  # it exists, so that the next folder is surely another one
     with pytest.raises(Unreadable, match="is not there"):
         source.sessions()
     make_session("again")
