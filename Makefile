@@ -40,6 +40,8 @@ PYTEST = -n $(JOBS) --dist loadfile --no-loadscope-reorder --durations 40 --dura
 
 # Tests start some thousand processes: each would compile the same sources again.
 unexport PYTHONDONTWRITEBYTECODE
+# Paths and options of `make test-all`; tests that start pytest themselves must not have them.
+unexport TESTS
 
 .DEFAULT_GOAL := help
 .PHONY: help demo test test-all test-fast coverage wheel release manual lock lint format prove prove-full drivers nightly sanitize sanitize-addresses sanitize-threads peers bench bench-quick track studies docs adapters mok flap turek docker docker-openfoam clean
@@ -74,8 +76,8 @@ test: $(VENV)/.development
 	$(BIN)/pytest -m "not nightly" $(PYTEST)
 
 test-all: $(VENV)/.development
-	$(BIN)/python -m pytest --hypothesis-profile many $(PYTEST) || { [ $$? = 1 ] \
-	  && $(BIN)/python -m pytest --hypothesis-profile many -n1 --last-failed --last-failed-no-failures none -rA --show-capture no \
+	$(BIN)/python -m pytest --hypothesis-profile many $(PYTEST) $(TESTS) || { [ $$? = 1 ] \
+	  && $(BIN)/python -m pytest --hypothesis-profile many -n1 --last-failed --last-failed-no-failures none -rA --show-capture no $(TESTS) \
 	  && echo "FLAKY: these tests failed next to others, and passed alone"; }
 
 test-fast: $(VENV)/.development

@@ -79,7 +79,7 @@ def test_long_parts_are_left_out_where_their_files_are_those_of_main(checkout: P
 def test_tests_of_minutes_are_left_out_where_their_files_are_those_of_main(
     checkout: Path, changed: str, run: list[str]
 ) -> None:
-    (checkout / "bin" / "make").write_text('#!/bin/sh\n[ "$1" != test-all ] || echo "$PYTEST_ADDOPTS" >> options\n')
+    (checkout / "bin" / "make").write_text('#!/bin/sh\n[ "$1" != test-all ] || echo "$TESTS" >> options\n')
     change(checkout, changed)
     parts_run(checkout)
     parts_run(checkout, "long_tests")
