@@ -83,7 +83,6 @@ class _Content:
     points: list[list[float]] = field(default_factory=list)
     elements: dict[tuple[str, int], list[list[int]]] = field(default_factory=lambda: defaultdict(list))
     axes: dict[int, _Axes] = field(default_factory=dict)
-    axes_of_nodes: dict[int, tuple[str, list[int]]] = field(default_factory=dict)
 
     def take(self, name: str, fields: list[str]) -> None:
         """Add a card; cards that do not describe the mesh are skipped."""
@@ -107,11 +106,6 @@ class _Content:
             for number, *of in (fields[:4], fields[4:8]):  # a card has one or two systems
                 if number:
                     self.axes[integer(number)] = _Axes(name[-1], nodes=tuple(integer(word) for word in of))
-
-        elif name in ("CORD1R", "CORD1C", "CORD1S"):  # two systems in a card
-            for own in (fields[:4], fields[4:8]):
-                if any(own):
-                    self.axes_of_nodes[integer(own[0])] = name[-1], [integer(word) for word in own[1:]]
 
     def places(self) -> Floats:
         """(n, 3) the nodes in the basic coordinate system.
