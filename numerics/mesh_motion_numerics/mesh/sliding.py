@@ -203,6 +203,11 @@ class SlidingSurfaces:
         """The same nodes, all of them held at their reference places."""
         return replace(self, groups=((np.arange(len(self.nodes)), Held()),))
 
+    @property
+    def is_held(self) -> bool:
+        """Whether these are the nodes of :meth:`held`."""
+        return all(isinstance(constraint, Held) for _, constraint in self.groups)
+
     def of(self, chosen: Marks) -> SlidingSurfaces:
         """The constraints of some of the nodes: where ``chosen`` (s,) is true."""
         number = np.cumsum(chosen) - 1

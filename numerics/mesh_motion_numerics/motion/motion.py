@@ -201,7 +201,7 @@ class MotionModel(DifferentiableMesh):
         """Correct an interpolated mesh, judge it again and accept it."""
         motion = self._accept(predicted, self._correct(step, predicted, watch), watch)
         sliding = predicted.motion.sliding
-        if motion.reached or sliding is None or self.method.correction != "optimised":
+        if motion.reached or sliding is None or sliding.is_held or self.method.correction != "optimised":
             return motion
         # nodes that have slid on a round wall can be where no iterations lead to the threshold
         held = self._predict(replace(predicted.motion, sliding=sliding.held()), step, watch)
