@@ -36,7 +36,8 @@ def _read(path: Path) -> MeshFile:
     Raises InvalidInput for a missing file, unknown elements and malformed rows; names the file and the row.
     """
     try:
-        nodes = [_nodes(path, stem) for stem in _stems(path)]
+        stems = _stems(path)
+        nodes = [_nodes(path, stem) for stem in stems]
         numbers, points = (np.concatenate(parts) for parts in zip(*nodes, strict=True))
         _, first = np.unique(numbers, return_index=True)  # several parts have a node at their interface
         first.sort()
@@ -44,7 +45,7 @@ def _read(path: Path) -> MeshFile:
         elements: list[tuple[str, Integers]] = []
         patches: dict[str, list[Integers]] = defaultdict(list)
         names = _boundary_names(path)
-        for stem in _stems(path):
+        for stem in stems:
             elements += [(name, own) for name, _, own in _elements(path / f"{stem}.elements", rows, 2)]
             for _, tags, own in _elements(path / f"{stem}.boundary", rows, 4):
                 for tag in np.unique(tags).tolist():
