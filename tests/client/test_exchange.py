@@ -8,7 +8,7 @@ import meshio
 import numpy as np
 import pytest
 from mesh_motion_client import InvalidInput, Mesh, Patch
-from mesh_motion_client.exchange import _TYPES, to_pyvista
+from mesh_motion_client.exchange import _NUMBERS, _TYPES, to_pyvista
 from mesh_motion_client.mesh import CELL_NODES
 from mesh_motion_numerics.mesh.cells import CELL_TYPES
 from vtkmodules.util.numpy_support import numpy_to_vtk, vtk_to_numpy
@@ -18,6 +18,7 @@ from vtkmodules.vtkFiltersVerdict import vtkCellSizeFilter
 
 from mesh_motion_server.files import MeshFile, write_mesh
 from mesh_motion_server.files.gmsh.mesh import _TYPES as GMSH_TYPES
+from mesh_motion_server.files.vtk.reading import NUMBERED_PATCH_ARRAYS
 
 ROLES = {"bottom": "moving", "top": "fixed"}
 CUBE = np.array([[x, y, z] for z in (0.0, 1.0) for y in (0.0, 1.0) for x in (0.0, 1.0)])
@@ -107,6 +108,11 @@ def test_cells_of_images_are_quads_and_hexahedra(cells, kinds, name, expected):
     mesh = Mesh.from_pyvista(Grid(np.array(cells), np.array(kinds), corners), {})
     assert mesh.cells[name].tolist() == expected
     assert list(mesh.cells) == [name]
+
+
+def test_numbers_of_cells_are_patches_as_in_files():
+    """The client cannot import the reader's list: neither may know an array of cells that the other does not."""
+    assert [name for name in NUMBERED_PATCH_ARRAYS if name != "point_tags"] == [*_NUMBERS]
 
 
 def test_from_pyvista_by_arrays_of_cells():
