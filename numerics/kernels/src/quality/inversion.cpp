@@ -17,7 +17,7 @@ namespace {
 constexpr Index sampled = 1 << 12;  // number of groups of cells, each with a sample
 constexpr Index least_group = 8;    // cells in a group; in smaller meshes all cells are looked at
 constexpr double least_reach = 1.15, unlike = 2.0;  // groups are looked at up to such a multiple of the limit
-constexpr double margin = 1.15;      // by which a group may be earlier, compared with its samples, than those seen
+constexpr double margin = 1.15;     // by which a group may be earlier, compared with its samples, than those seen
 constexpr Index together = 32;      // cells of which positions and motion fit into the fastest cache
 constexpr double never = std::numeric_limits<double>::infinity();
 
