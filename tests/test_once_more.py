@@ -41,7 +41,8 @@ def ran(folder: Path, source: str) -> tuple[int, str]:
         "[pytest]\ntimeout = 1\nfaulthandler_timeout = 2\nfaulthandler_exit_on_timeout = true\n"
     )
     (recipe,) = re.findall(r"^test-all:.*\n((?:\t.*\n)+)", (ROOT / "Makefile").read_text(), re.M)
-    for name, value in {"$(BIN)/python": sys.executable, "$(PYTEST)": "-n2", "$$": "$", "many": "default"}.items():
+    values = {"$(BIN)/python": sys.executable, "$(PYTEST)": "-n2", "$(TESTS)": "test_given.py"}
+    for name, value in {**values, "$$": "$", "many": "default"}.items():
         recipe = recipe.replace(name, value)
     clean = {name: value for name, value in os.environ.items() if not name.startswith("PYTEST_")}
     clean |= {
