@@ -15,6 +15,7 @@ from mesh_motion_numerics.method import Method
 from mesh_motion_numerics.motion.motion import MotionModel
 from mesh_motion_numerics.motion.motion_found import Motion
 from mesh_motion_numerics.quality.headroom import HORIZON, Headroom, headroom
+from mesh_motion_numerics.quality.metrics import QUALITY_METRICS, cell_quality, cells_at_rest, judged
 from mesh_motion_protocol.errors import QualityRefused
 from periodic_meshes import periodic_box
 from sliding_meshes import Mesh, duct
@@ -61,6 +62,20 @@ def test_the_first_root_of_the_determinants(kind: str) -> None:
             later = headroom(there, there - step, mesh.cells, mesh.sizes, "size", 0.0, NONE, NONE)
             assert (later.inversion == 0.0) == (s > 1.0)
             assert later.cell == found.cell or s < 1.0
+
+
+@pytest.mark.parametrize("kind", CELL_KINDS)
+@pytest.mark.parametrize("metric", QUALITY_METRICS)
+def test_the_values_of_some_cells_along_a_step(kind: str, metric: str) -> None:
+    """They are those of the moved meshes, before the step and after it."""
+    mesh, numbers = box_mesh(kind, 5), np.random.default_rng(len(kind))
+    step = 0.02 * numbers.uniform(-1.0, 1.0, mesh.points.shape)
+    rest, places = cells_at_rest(mesh.points, mesh.cells), np.array([-1.0, 0.0, 0.5, 4.0])
+    some = np.flatnonzero(numbers.uniform(size=len(mesh.cells)) < 0.3)
+    points, *arrays = judged(mesh.points, mesh.cells, rest, metric)
+    found = kernels.values_along(points, mesh.points - step, *arrays, some, places)
+    moved = [cell_quality(mesh.points + s * step, mesh.cells, rest).metric(metric)[some] for s in places]
+    np.testing.assert_allclose(found, moved, rtol=1e-11, atol=1e-14)
 
 
 def corner_determinants(points: np.ndarray, cells: CellTable) -> np.ndarray:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import mesh_motion_kernels as kernels
@@ -10,7 +9,7 @@ import numpy as np
 
 from mesh_motion_numerics.arrays import Floats, Integers
 from mesh_motion_numerics.mesh.cells import CellTable
-from mesh_motion_numerics.quality.metrics import AtRest, CellsAtRest, cell_quality
+from mesh_motion_numerics.quality.metrics import AtRest, judged
 
 HORIZON = 100.0
 """Number of steps beyond which nothing is predicted."""
@@ -64,7 +63,12 @@ def headroom(
     worst = np.sort(worst)
     near = np.insert(near, np.searchsorted(near, worst), worst)
     steps, first = kernels.first_inversions(points, before, cells.nodes, near, HORIZON, _FIRST)
-    qualities = _on_the_way(points, before, cells, rest, np.union1d(first, worst), metric)
+    arrays, deciding = judged(points, cells, rest, metric), np.union1d(first, worst)
+
+    def qualities(places: Floats) -> Floats:
+        """(p, c) qualities of the deciding cells."""
+        return kernels.values_along(arrays[0], before, *arrays[1:], deciding, places)
+
     low, high = 0.0, min(float(steps[0]), HORIZON)
     for _ in range(_ROUNDS):
         places = np.linspace(low, high, _PLACES)
@@ -78,37 +82,8 @@ def headroom(
         above, under = values[below[0] - 1 : below[0] + 1]
         low += (high - low) * (above - threshold) / (above - under)
         if resisting and low < _NEAR:
-            start, *_, now = qualities(np.linspace(-1.0, 0.0, _PLACES))
+            start, now = qualities(np.array([-1.0, 0.0]))
             falling = now < start
             even = (now - threshold)[falling] / (start - now)[falling]
             low = max(low, min(_MORE * low, even.min(initial=np.inf)))
     return Headroom(float(steps[0]), float(low), int(first[0]))
-
-
-def _on_the_way(
-    points: Floats, before: Floats, cells: CellTable, rest: AtRest, numbers: Integers, metric: str
-) -> Callable[[Floats], Floats]:
-    """The values (_PLACES, c) of a metric of the cells with these ascending numbers, for multiples of the step.
-
-    The cells are judged at all places together, as a mesh with a copy of them for each place.
-    """
-    own = [block.nodes[rows] for block, _, rows in cells.located(numbers)]
-    nodes = np.unique(np.concatenate([rows.ravel() for rows in own]))
-    shifts = len(nodes) * np.arange(_PLACES)[:, None, None]
-    copies = {
-        block.type.name: (np.searchsorted(nodes, rows) + shifts).reshape(-1, rows.shape[1])
-        for block, rows in zip(cells, own, strict=True)
-    }
-    table = CellTable.from_arrays(copies)
-    at_rest = rest[np.concatenate([np.tile(numbers[here], _PLACES) for _, here, _ in cells.located(numbers)])]
-    if isinstance(at_rest, CellsAtRest):
-        at_rest = at_rest.of_nodes(np.tile(nodes, _PLACES))
-    begin, way = points[nodes], points[nodes] - before[nodes]
-
-    def qualities(places: Floats) -> Floats:
-        there = (begin + places[:, None, None] * way).reshape(-1, begin.shape[1])
-        values = cell_quality(there, table, at_rest).metric(metric)
-        by_place = [values[span].reshape(_PLACES, -1) for _, span in table.numbered]
-        return np.concatenate(by_place, axis=1)
-
-    return qualities

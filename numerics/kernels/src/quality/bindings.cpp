@@ -37,6 +37,7 @@ void bind_quality(nanobind::module_& m) {
     bind(m, "lowest_cells", lowest_cells);
     bind(m, "judged_cells", judged_cells);
     bind(m, "values_of_cells", values_of_cells);
+    bind(m, "values_along", values_along);
     bind(m, "counted_cells", counted_cells);
     bind(m, "counts_in_parts", counts_in_parts);
     bind(m, "values_at", values_at);

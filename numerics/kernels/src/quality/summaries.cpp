@@ -298,6 +298,60 @@ Owned<double, 2> values_of_cells(Matrix<const double> points, const Blocks& bloc
     return {std::move(rows), {n, 4}};
 }
 
+Owned<double, 2> values_along(Matrix<const double> points, Matrix<const double> before, const Blocks& blocks,
+                              Vector<const double> reference, AtRest rest, Index metric, Vector<const Index> numbers,
+                              Vector<const double> places) {
+    const Cells cells(points, blocks, reference, rest);
+    const Metric known = checked(metric, cells);
+    require(before.shape() == points.shape(), "before: expected the shape of points");
+    require_below(numbers, cells.size(), "numbers: expected numbers of cells");
+    require(std::is_sorted(numbers.begin(), numbers.end()), "numbers: expected ascending numbers");
+    std::vector<std::vector<Node>> rows;  // the mesh of these cells alone
+    std::vector<Node> nodes;
+    std::vector<double> sizes, skews;
+    const Index* number = numbers.begin();
+    for (Index first = 0; const auto& block : blocks) {
+        auto& own = rows.emplace_back();
+        for (; number < numbers.end() && *number < first + block.shape(0); ++number) {
+            const auto row = block[*number - first];
+            own.insert(own.end(), row.begin(), row.end());
+            sizes.push_back(reference[*number]);
+            if (cells.has_rest()) skews.push_back(rest.skews[*number]);
+        }
+        nodes.insert(nodes.end(), own.begin(), own.end());
+        first += block.shape(0);
+    }
+    require_below(Vector<const Node>(view_of(nodes)), points.shape(0), "nodes: expected numbers of points");
+    std::sort(nodes.begin(), nodes.end());
+    nodes.erase(std::unique(nodes.begin(), nodes.end()), nodes.end());
+    Blocks chosen;
+    for (auto& own : rows) {
+        for (Node& node : own)
+            node = static_cast<Node>(std::lower_bound(nodes.begin(), nodes.end(), node) - nodes.begin());
+        const Index width = blocks[chosen.size()].shape(1);
+        chosen.push_back({own.data(), {static_cast<Index>(own.size()) / width, width}});
+    }
+    const Index n = numbers.size(), d = points.shape(1), used = static_cast<Index>(nodes.size());
+    const auto of_nodes = [&](Matrix<const double> all) {
+        std::vector<double> own;
+        for (Node node : nodes) own.insert(own.end(), all[node].begin(), all[node].end());
+        return own;
+    };
+    const std::vector<double> now = of_nodes(points), then = of_nodes(before);
+    const std::vector<double> at_rest = cells.has_rest() ? of_nodes(rest.points) : std::vector<double>{};
+    const AtRest own_rest{view_of(skews), {at_rest.data(), {cells.has_rest() ? used : 0, d}}};
+    std::vector<double> there(now), values;
+    const Cells own({there.data(), {used, d}}, chosen, view_of(sizes), own_rest);
+    for (double place : places) {
+        for (std::size_t i = 0; i < there.size(); ++i) there[i] = now[i] + place * (now[i] - then[i]);
+        Judged found(n, known);
+        own.judge(0, n, found.from(0));
+        found.fill(known);
+        values.insert(values.end(), found.values.begin(), found.values.end());
+    }
+    return {std::move(values), {places.size(), n}};
+}
+
 std::tuple<Owned<double, 2>, Owned<Index, 2>, Owned<Index, 1>, Index> counted_cells(
     Matrix<const double> points, const Blocks& blocks, Vector<const double> reference, AtRest rest,
     Index metric, Index count, Index bins, Matrix<std::uint32_t> places) {

@@ -30,6 +30,12 @@ std::tuple<Owned<double, 2>, Owned<Index, 1>, Index, Owned<Index, 1>> judged_cel
 Owned<double, 2> values_of_cells(Matrix<const double> points, const Blocks& blocks, Vector<const double> reference,
                                  AtRest rest, Index metric, Vector<const Index> numbers);
 
+/// Values (p, s) of a metric of the cells with these ascending numbers (s,), at multiples, the places (p,), of the step
+/// from before (n, d) to points (n, d) after it.
+Owned<double, 2> values_along(Matrix<const double> points, Matrix<const double> before, const Blocks& blocks,
+                              Vector<const double> reference, AtRest rest, Index metric, Vector<const Index> numbers,
+                              Vector<const double> places);
+
 /// The summary of the cells of a part of a mesh: sum, minimum and maximum (metrics, 3) of the same metrics, how many
 /// values are in each of equal bins (metrics, bins) of [−1, 1], the `count` lowest cells, and how many are inverted. places
 /// (metrics, m) receives where each value is: its bin times the bins, plus its part of that bin, which has as many parts.
