@@ -1,7 +1,7 @@
-"""Turek and Hron's FSI2 in Kratos Multiphysics: its fluid, its solid, its coupling, and the mesh-motion server.
+"""Turek and Hron's FSI2 and FSI3 in Kratos Multiphysics: its fluid, its solid, its coupling, and the server.
 
-    python examples/turek_hron_fsi/kratos.py --out out/kratos                   Kratos and the server
-    python examples/turek_hron_fsi/kratos.py --out out/own --motion own         Kratos' structural_similarity
+    python examples/turek_hron_fsi/kratos.py fsi2 --out out/kratos              Kratos and the server
+    python examples/turek_hron_fsi/kratos.py fsi2 --out out/own --motion own    Kratos' structural_similarity
 
 Linear triangles (variational multiscale) for the flow, quadratic quadrilaterals (Total Lagrangian) for the flag. A
 stopped run continues when it is started again with the same options.
@@ -25,13 +25,14 @@ from turek import CASES
 
 _LENGTH, _HEIGHT, _CENTRE, _RADIUS = 2.5, 0.41, (0.2, 0.2), 0.05
 _RAMP = 2.0  # s, in which the inflow is raised
+_STEP_AND_END = {"fsi2": (0.01, 11.0), "fsi3": (0.004, 5.0)}  # s; some fifty steps of a period
 MOTIONS = dict(zip(("own", "server"), MESH_SOLVERS, strict=True))
 
 
-def kratos_case(time_step: float) -> Case:
+def kratos_case(name: str, time_step: float) -> Case:
     """The channel; the increasing inflow is tilted with the flag's frequency, so that the flag swings earlier."""
-    parabola = f"{6.0 * CASES['fsi2'].inflow / _HEIGHT**2!r}*y*({_HEIGHT}-y)"
-    tilt = f"(1+0.3*sin(2*pi*{CASES['fsi2'].frequency}*t)*sin(pi*t/{_RAMP})*(y/{_HEIGHT / 2.0}-1))"
+    parabola = f"{6.0 * CASES[name].inflow / _HEIGHT**2!r}*y*({_HEIGHT}-y)"
+    tilt = f"(1+0.3*sin(2*pi*{CASES[name].frequency}*t)*sin(pi*t/{_RAMP})*(y/{_HEIGHT / 2.0}-1))"
     rising = f"{parabola}*{tilt}*(1-cos(pi*t/{_RAMP}))/2"
     return Case(
         no_slip=("walls", "cylinder"), slip=(), inflow=((rising, (0.0, _RAMP)), (parabola, (_RAMP, "End"))),
@@ -78,8 +79,8 @@ def flag_mesh(along: int, across: int, coarsest: float) -> FluidMesh:
     return fluid_mesh(geometry)
 
 
-def prepare(folder: Path, elements: tuple[int, int], coarsest: float) -> FluidMesh:
-    """Write meshes and material; ``elements`` of the flag along and across it."""
+def prepare(folder: Path, name: str, elements: tuple[int, int], coarsest: float) -> FluidMesh:
+    """Write meshes and material of a case; ``elements`` of the flag along and across it."""
     folder.mkdir(parents=True, exist_ok=True)
     along, across = elements
     mesh = flag_mesh(2 * along, 2 * across, coarsest)
@@ -88,7 +89,7 @@ def prepare(folder: Path, elements: tuple[int, int], coarsest: float) -> FluidMe
     x = root + np.linspace(0.0, length, 2 * along + 1)
     y = middle + width * np.linspace(0.5, -0.5, 2 * across + 1)
     solid = write_solid(folder / "solid.mdpa", np.stack(np.broadcast_arrays(x[:, None], y), axis=-1))
-    case = CASES["fsi2"]
+    case = CASES[name]
     (folder / "materials.json").write_text(json.dumps(materials("Strain", case.density, case.young, 0.4)))
     watch(folder, solid, [(root + length, middle)], ["interface", "cylinder"], meshes=False)
     return mesh
@@ -105,9 +106,11 @@ def run(options: argparse.Namespace) -> History:
     missing = missing_kratos()
     if missing:
         raise RunFailed(missing)
-    mesh = prepare(options.out, (options.elements, 2), options.coarsest)
+    step, end = _STEP_AND_END[options.case]
+    mesh = prepare(options.out, options.case, (options.elements, 2), options.coarsest)
     sys.stdout.write(f"{len(mesh.points)} nodes, {len(mesh.triangles)} triangles\n")
-    return compute(options.out, kratos_case(options.dt), MOTIONS[options.motion], options.end, report)
+    case = kratos_case(options.case, options.dt or step)
+    return compute(options.out, case, MOTIONS[options.motion], options.end or end, report)
 
 
 def report(done: int, steps: int) -> None:
@@ -120,13 +123,14 @@ def report(done: int, steps: int) -> None:
 def arguments(given: list[str] | None = None) -> argparse.Namespace:
     """The command line."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("case", choices=sorted(_STEP_AND_END))
     parser.add_argument("--out", type=Path, required=True, help="the run's folder; an existing run is continued")
     parser.add_argument(
         "--elements", type=int, default=32, help="elements along the flag; the fluid has two edges for each"
     )
     parser.add_argument("--coarsest", type=float, default=0.035, help="edge length far from the flag, m")
-    parser.add_argument("--dt", type=float, default=0.01, help="s")
-    parser.add_argument("--end", type=float, default=11.0, help="s")
+    parser.add_argument("--dt", type=float, help="s; 0.01 in FSI2, 0.004 in FSI3")
+    parser.add_argument("--end", type=float, help="s; 11 in FSI2, 5 in FSI3")
     parser.add_argument("--motion", choices=sorted(MOTIONS), default="server", help="program that moves the mesh")
     return parser.parse_args(given)
 

@@ -67,7 +67,8 @@ def headroom(
 
     def qualities(places: Floats) -> Floats:
         """(p, c) qualities of the deciding cells."""
-        return kernels.values_along(arrays[0], before, *arrays[1:], deciding, places)
+        values: Floats = kernels.values_along(arrays[0], before, *arrays[1:], deciding, places)
+        return values
 
     low, high = 0.0, min(float(steps[0]), HORIZON)
     for _ in range(_ROUNDS):

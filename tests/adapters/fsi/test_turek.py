@@ -84,7 +84,7 @@ def test_mesh_is_one_that_openfoam_calls_good(scripts, tmp_path, refinement):
 
 def test_in_kratos_the_flag_has_the_mesh_around_it(scripts, tmp_path):
     """The fluid's nodes on the flag are the flag's, and its area is the channel's without cylinder and flag."""
-    mesh = scripts["kratos"].prepare(tmp_path, (8, 2), 0.1)
+    mesh = scripts["kratos"].prepare(tmp_path, "fsi2", (8, 2), 0.1)
     x, y = mesh.points[mesh.triangles].transpose(2, 1, 0)
     areas = 0.5 * ((x[1] - x[0]) * (y[2] - y[0]) - (x[2] - x[0]) * (y[1] - y[0]))
     assert areas.min() > 0.0
@@ -107,7 +107,7 @@ def test_in_kratos_a_run_goes_on_where_it_stopped(scripts, tmp_path):
 
     def run(name, end):
         size = ["--elements", "8", "--coarsest", "0.1", "--dt", "0.04", "--end", end]
-        return kratos.run(kratos.arguments(["--out", str(tmp_path / name), *size]))
+        return kratos.run(kratos.arguments(["fsi2", "--out", str(tmp_path / name), *size]))
 
     assert len(run("stopped", "1.0").times) == 25
     session = (tmp_path / "stopped" / "session.json").read_text()
