@@ -335,7 +335,7 @@ def _mapped_bytes() -> int:
 
 
 def stop_signals() -> list[signal.Signals]:
-    """The signals that end a server in order: not SIGHUP if it is ignored, as ``nohup`` starts a program."""
+    """The signals that end a server in order; not SIGHUP if it is ignored, as in a program that ``nohup`` starts."""
     return [number for number in _STOP if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN]
 
 

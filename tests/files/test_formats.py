@@ -600,7 +600,7 @@ def test_sets_of_an_instance_in_abaqus(tmp_path: Path) -> None:
 
 
 def test_geometries_and_nested_parts_of_kratos(tmp_path: Path) -> None:
-    """Geometries are the cells of a file without elements; a part whose sub-part has cells has these too."""
+    """A file without elements has its geometries as cells, and a part has the cells of its sub-parts, too."""
     points = "".join(f"{k} {x} {y} {z}\n" for k, (x, y, z) in enumerate(
         [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0.4, 0.4, 1), (0.4, 0.4, -1)], start=1))  # fmt: skip
 

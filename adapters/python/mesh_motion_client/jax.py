@@ -110,7 +110,7 @@ def _called(displacement: Any, vectors: Any, *, motion: MotionFunction, way: str
 
 
 def _changed(at: Any, along: Any, **kept: Any) -> Any:
-    """The derivative is linear in the vectors; by the displacement it has none."""
+    """The derivative is linear in the vectors. It has no derivative with respect to the displacement."""
     if not isinstance(along[0], ad.Zero):
         raise no_second_derivative()
     return _derivative_p.bind(*at, **kept), _derivative_p.bind(at[0], along[1], **kept)

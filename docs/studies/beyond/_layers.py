@@ -69,7 +69,7 @@ class LayerMesh:
         return float(np.median(np.linalg.norm(last - first, axis=1)))
 
     def model(self, **choices: Any) -> MotionModel:
-        """The method: from the reference mesh, corrected to the maximum of the worst cell unless chosen otherwise."""
+        """The method: it starts from the reference mesh and corrects up to the maximum; ``choices`` change it."""
         usual = {"displacement": "absolute", "correction_target": "maximum", "quality_threshold": 0.9}
         usual["quality_metric"] = "size-skew"
         return MotionModel.build(self.points, self.cells, self.patches, Method(**{**usual, **choices}))

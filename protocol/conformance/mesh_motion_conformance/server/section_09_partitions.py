@@ -180,7 +180,7 @@ def wrong_in_itself(stage: Stage) -> None:
 
 @suite("9.4")
 def failing_once_all_have_come(stage: Stage) -> None:
-    """If the request fails once all have come, all are answered by the error."""
+    """If the request fails after every partition has sent its part, each of them gets the error."""
     for reply in _moves(_pair(stage, "TRIAL"), (50.0, 50.0)):
         refused(reply, "FAILED_PRECONDITION.QUALITY", state="TRIAL")
 
