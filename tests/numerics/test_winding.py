@@ -77,6 +77,19 @@ def test_a_body_winds_in_any_number_of_steps_and_returns(kind: str, top: float, 
     np.testing.assert_array_equal(back.points, mesh.points)
 
 
+def test_first_cells_that_the_correction_has_moved_turn_with_their_body() -> None:
+    """They went back to where their wall carries them at the start of each step, and tangled the mesh."""
+    mesh = ring()
+    distance = np.linalg.norm(mesh.points, axis=1)
+    points = mesh.points * np.stack([np.ones(len(distance)), np.interp(distance, [1.0, 10.0], [0.25, 1.0])], axis=1)
+    ellipse = MotionModel.build(points, mesh.cells, mesh.patches, Method())
+    assert ellipse.carrying_layers.layer is not None
+    coarse, fine = gone(ellipse, [80.0, 160.0]), gone(ellipse, list(np.arange(20.0, 161.0, 20.0)))
+    assert coarse.warnings == []
+    assert fine.warnings == []
+    np.testing.assert_allclose(fine.points, coarse.points, atol=TOLERANCE)
+
+
 def test_200_degrees_are_not_minus_160() -> None:
     block = model("triangle")
     on, back = gone(block, [100.0, 200.0]), gone(block, [-80.0, -160.0])

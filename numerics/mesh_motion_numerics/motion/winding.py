@@ -189,16 +189,19 @@ class Winding:
     def carried(self, turns: Turns, points: Floats, before: Floats, plain: Floats, begin: float, end: float) -> Floats:
         """A mesh (n, d) carried from one fraction of the ``turns`` to another, as :data:`.Carried`.
 
-        All nodes turn with the bodies by their shares; held nodes go to their ``plain`` positions.
+        All nodes turn with the bodies by their shares. Held nodes go to their ``plain`` positions; if a correction has
+        moved nodes of a layer away from these, this shift turns with them.
         """
-        found = points.copy()
+        found, corrected = points.copy(), points[self.held] - before[self.held]
+        kept = corrected.copy()
         for body, axis, share, angle in zip(
             self.bodies, turns.axes, self.shares, (end - begin) * (turns.after - turns.before), strict=True
         ):
             nodes = self.moving[body.rows]
             was, goes = (p[nodes].mean(axis=0) for p in (before, plain))
             found += _turn(points, was, axis, angle * share) + share[:, None] * (goes - was)
-        found[self.held] = plain[self.held]
+            kept += _turn(corrected, np.zeros_like(was), axis, angle * share[self.held])
+        found[self.held] = plain[self.held] + kept
         return found
 
     @cached_property
