@@ -88,8 +88,10 @@ def test_places_are_the_nearest_ones() -> None:
 def test_columns_stand_on_the_walls_sides_and_not_on_its_corners() -> None:
     for kind, d in (("quad", 2), ("hexahedron", 3)):
         mesh = box_mesh(kind)
-        feet = column_feet(mesh.cells, mesh.body, np.arange(len(mesh.points)), len(mesh.points))
-        low, high = mesh.points[mesh.body].min(axis=0) - 1e-9, mesh.points[mesh.body].max(axis=0) + 1e-9
+        low, high = mesh.points[mesh.body].min(axis=0), mesh.points[mesh.body].max(axis=0)
+        distances = np.linalg.norm(mesh.points - np.clip(mesh.points, low, high), axis=1)
+        feet = column_feet(mesh.points, mesh.cells, mesh.body, np.arange(len(mesh.points)), distances)
+        low, high = low - 1e-9, high + 1e-9
         above = np.count_nonzero((mesh.points < low) | (mesh.points > high), axis=1) == 1
         assert np.array_equal(feet >= 0, above | np.isin(np.arange(len(feet)), mesh.body))
         away = mesh.points[above] - mesh.points[feet[above]]

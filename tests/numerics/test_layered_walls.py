@@ -127,3 +127,18 @@ def test_a_layer_on_a_periodic_wall_is_kept_and_its_ends_stay_alike() -> None:
     assert stretch(model, moved.points) < 0.005
     steps = (moved.points - points)[node[[0, -1]]]
     assert np.abs(steps[0] - steps[1]).max() < 1e-15
+
+
+def test_layers_at_the_ends_of_a_bending_floor_stand_on_it_and_not_on_the_walls_next_to_it() -> None:
+    x, y = np.linspace(0.0, 6.0, 61), (1.5 ** np.arange(25) - 1.0) / (1.5**24 - 1.0)
+    points, quads = tensor_grid(x, y)
+    node = np.arange(len(points)).reshape(61, 25)
+    floor, rest = node[1:-1, 0], np.unique(np.concatenate([node[0], node[-1], node[:, -1]]))
+    patches = {"floor": Patch("moving", np.ascontiguousarray(floor)), "rest": Patch("fixed", rest)}
+    model = MotionModel.build(points, CellTable.from_arrays({"quad": quads}), patches, Method())
+    targets = points[floor].copy()
+    targets[:, 1] = 0.05 * np.sin(np.pi * targets[:, 0] / 6.0) ** 2
+    moved = model.move(points, targets)
+    assert moved.warnings == []
+    assert moved.corrected.metric.min > 0.9
+    assert stretch(model, moved.points) < 0.005

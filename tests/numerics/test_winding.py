@@ -12,7 +12,8 @@ from mesh_motion_numerics.mesh.roles import Patch
 from mesh_motion_numerics.method import Method
 from mesh_motion_numerics.motion.motion import MotionModel
 from mesh_motion_numerics.motion.motion_found import Motion
-from mesh_motion_numerics.motion.winding import UNWOUND, wound
+from mesh_motion_numerics.motion.winding import UNWOUND, Turns, wound
+from scipy.spatial.transform import Rotation
 
 from mesh_motion_server.session.factors import FactorCache
 
@@ -75,6 +76,35 @@ def test_a_body_winds_in_any_number_of_steps_and_returns(kind: str, top: float, 
     assert np.abs(wound[-1].points - gone(mesh, [top % 360.0 - 360.0]).points).max() > 0.1  # the same boundary
     back = gone(mesh, [*steps[-1][-2::-1], 0.0], wound[-1].points)
     np.testing.assert_array_equal(back.points, mesh.points)
+
+
+def test_first_cells_that_the_correction_has_moved_turn_with_their_body() -> None:
+    """They went back to where their wall carries them at the start of each step, and tangled the mesh."""
+    mesh = ring()
+    distance = np.linalg.norm(mesh.points, axis=1)
+    points = mesh.points * np.stack([np.ones(len(distance)), np.interp(distance, [1.0, 10.0], [0.25, 1.0])], axis=1)
+    ellipse = MotionModel.build(points, mesh.cells, mesh.patches, Method())
+    assert ellipse.carrying_layers.layer is not None
+    coarse, fine = gone(ellipse, [80.0, 160.0]), gone(ellipse, list(np.arange(20.0, 161.0, 20.0)))
+    assert coarse.warnings == []
+    assert fine.warnings == []
+    np.testing.assert_allclose(fine.points, coarse.points, atol=TOLERANCE)
+    far = gone(ellipse, [140.0, 220.0])  # each part of this step needs the resistance at its own turn
+    assert UNWOUND not in far.warnings
+    np.testing.assert_allclose(gone(ellipse, [180.0, 200.0, 220.0], fine.points).points, far.points, atol=TOLERANCE)
+
+
+def test_nodes_in_space_turn_about_the_axis_of_their_body_at_the_start_of_a_step() -> None:
+    mesh = model("tetra")
+    rest, moving = mesh.points, mesh.roles.moving
+    axis, centre = np.array([1.0, 1.0, 3.0]) / np.sqrt(11.0), rest[moving].mean(axis=0)
+    plain = rest.copy()
+    plain[moving] = Rotation.from_rotvec(np.radians(40.0) * axis).apply(rest[moving] - centre) + centre
+    angles = np.radians([[100.0], [140.0]])
+    carried = mesh.winding.carried(Turns(np.array([2]), *angles), rest, rest, plain, 0.0, 1.0)
+    assert np.abs(carried - rest).max() > 0.05
+    np.testing.assert_allclose((carried - centre) @ axis, (rest - centre) @ axis, atol=1e-14)
+    np.testing.assert_allclose(*(np.linalg.norm(x - centre, axis=1) for x in (carried, rest)), atol=1e-14)
 
 
 def test_200_degrees_are_not_minus_160() -> None:

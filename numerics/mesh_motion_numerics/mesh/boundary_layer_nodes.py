@@ -112,7 +112,7 @@ def furthest(thickness: float, dimension: int) -> float:
 
 def _on_columns(found: LayerNodes, points: Floats, cells: CellTable, wall: MovingWall) -> LayerNodes:
     """The nodes tied to the foot of their column instead of their nearest place, if they are in a column."""
-    feet = column_feet(cells, wall.nodes, found.nodes, len(points))
+    feet = column_feet(points, cells, wall.nodes, found.nodes, np.linalg.norm(found.offsets, axis=1))
     corners, weights = found.places.corners.copy(), found.places.weights.copy()
     rows = np.flatnonzero(feet[found.nodes] >= 0)
     corners[rows] = np.searchsorted(wall.nodes, feet[found.nodes[rows]])[:, None]

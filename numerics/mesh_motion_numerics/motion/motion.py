@@ -253,15 +253,19 @@ class MotionModel(DifferentiableMesh):
                 yield lambda t, path=path: plain_at(path.at(t), t)  # type: ignore[misc]
 
         with watch.phase("correct"), one_blas_thread():
-            carried = None
-            if turns is not None and self.winding is not None:
-                carried, smooth = partial(self.winding.carried, turns), smooth.later(self.winding.sheared(turns))
-            followed = smooth_step(smooth, step.committed, before, plain, ways, carried, predicted.distorted)
-        found, correction = followed.found, followed.correction()
-        motion = self._accept(predicted, correction, watch)
+            carried, correction, along = None, smooth, None
+            if turns is not None and (winding := self.winding) is not None:
+                carried, correction = partial(winding.carried, turns), smooth.later(winding.sheared(turns))
+
+                def along(fraction: float) -> SmoothMotion:
+                    return smooth.later(winding.sheared(turns.until(fraction)))
+
+            followed = smooth_step(correction, step.committed, before, plain, ways, carried, predicted.distorted, along)
+        found, corrected = followed.found, followed.correction()
+        motion = self._accept(predicted, corrected, watch)
         if not (found.converged or motion.reached):
             raise QualityRefused(unconverged(found))
-        return replace(motion, sub_steps=followed.legs, warnings=[*motion.warnings, *correction.warnings])
+        return replace(motion, sub_steps=followed.legs, warnings=[*motion.warnings, *corrected.warnings])
 
     # --- its parts ---------------------------------------------------------------------------------------------------
 

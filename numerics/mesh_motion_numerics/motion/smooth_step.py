@@ -97,6 +97,7 @@ def smooth_step(
     ways: Callable[[], Iterable[PlainWay]],
     carried: Carried | None = None,
     distorted: Integers | None = None,
+    along: Callable[[float], SmoothMotion] | None = None,
 ) -> Followed:
     """The corrected mesh for the ``plain`` motion (n, d).
 
@@ -114,17 +115,21 @@ def smooth_step(
         Carries a mesh along a part of the way; by default with the plain motion.
     distorted : (k,) int64 array, optional
         As in :meth:`.SmoothMotion.correct`.
+    along : callable, optional
+        Gives the correction at a fraction of a way, equal to ``correction`` at its end: tried where ``correction``
+        fails along all ways.
     """
     carried = carried or _with_plain
     at_once = correction.correct(plain, [lambda: carried(committed, plain_before(), plain, 0.0, 1.0)], distorted)
     if at_once.converged:
         return Followed(at_once, 1.0, 1, at_once.iterations)
     furthest, left, before = 0.0, _MOST_ITERATIONS, plain_before()
-    for way in ways():
-        followed = follow(correction, committed, before, way, left, carried)
-        if followed.fraction == 1.0:
-            return followed
-        furthest, left = max(furthest, followed.fraction), left - followed.iterations
+    for corrections in [lambda _fraction: correction, *([along] if along else [])]:
+        for way in ways():
+            followed = follow(corrections, committed, before, way, left, carried)
+            if followed.fraction == 1.0:
+                return followed
+            furthest, left = max(furthest, followed.fraction), left - followed.iterations
     if np.isfinite(at_once.residual):
         return Followed(at_once, 1.0, 1, at_once.iterations)
     raise QualityRefused(f"no valid mesh found: in sub-steps the mesh was kept valid for {furthest:.3g} of the way")
@@ -136,7 +141,12 @@ Carried = Callable[[Floats, Floats, Floats, float, float], Floats]
 
 
 def follow(
-    correction: SmoothMotion, committed: Floats, plain_before: Floats, way: PlainWay, most: int, carried: Carried
+    corrections: Callable[[float], SmoothMotion],
+    committed: Floats,
+    plain_before: Floats,
+    way: PlainWay,
+    most: int,
+    carried: Carried,
 ) -> Followed:
     """Lead the committed mesh along a way, in about ``most`` iterations at most.
 
@@ -151,7 +161,7 @@ def follow(
         near = cache(partial(carried, points, before, plain, fraction, fraction + length))
         ahead = partial(_ahead, near, length * left)
         starts: list[Callable[[], Floats]] = [ahead, near] if halved and legs else [near]
-        leg = correction.correct(plain, starts, rough=halved and fraction + length < 1.0)
+        leg = corrections(fraction + length).correct(plain, starts, rough=halved and fraction + length < 1.0)
         iterations += leg.iterations
         if leg.converged:
             left = (leg.points - near()) / length

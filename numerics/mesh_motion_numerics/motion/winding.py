@@ -25,8 +25,8 @@ A body that is attached to nodes that do not move cannot turn that far. Without 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from functools import cached_property
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
 from itertools import combinations
 
 import numpy as np
@@ -74,6 +74,10 @@ class Turns:
     before: Floats
     after: Floats
     certain: bool = True  # whether the whole turns could be counted
+
+    def until(self, fraction: float) -> Turns:
+        """The same up to a fraction of the step."""
+        return replace(self, after=self.before + fraction * (self.after - self.before)) if fraction < 1.0 else self
 
     @property
     def unwound(self) -> Turns | None:
@@ -189,16 +193,24 @@ class Winding:
     def carried(self, turns: Turns, points: Floats, before: Floats, plain: Floats, begin: float, end: float) -> Floats:
         """A mesh (n, d) carried from one fraction of the ``turns`` to another, as :data:`.Carried`.
 
-        All nodes turn with the bodies by their shares; held nodes go to their ``plain`` positions.
+        All nodes turn with the bodies by their shares, in 3D about the axis of a body's rotation between ``before`` and
+        ``plain``. Held nodes go to their ``plain`` positions; if a correction has moved nodes of a layer away from
+        these, this shift turns with them.
         """
-        found = points.copy()
+        found, corrected = points.copy(), points[self.held] - before[self.held]
+        kept, zero = corrected.copy(), np.zeros(points.shape[1])
         for body, axis, share, angle in zip(
             self.bodies, turns.axes, self.shares, (end - begin) * (turns.after - turns.before), strict=True
         ):
             nodes = self.moving[body.rows]
             was, goes = (p[nodes].mean(axis=0) for p in (before, plain))
-            found += _turn(points, was, axis, angle * share) + share[:, None] * (goes - was)
-        found[self.held] = plain[self.held]
+            turned, by = partial(_turn, axis=axis), angle
+            if points.shape[1] == 3:
+                about = fitted_rotation(before[nodes], plain[nodes]).as_rotvec()
+                turned, by = partial(_turn_about, axis=about), 1.0
+            found += turned(points, was, angles=by * share) + share[:, None] * (goes - was)
+            kept += turned(corrected, zero, angles=by * share[self.held])
+        found[self.held] = plain[self.held] + kept
         return found
 
     @cached_property
@@ -326,6 +338,12 @@ def _twist(rotations: Rotation, axis: int) -> Floats:
 def _nearest(angle: float | Floats, near: float) -> float:
     """The angle plus the whole turns that bring it nearest to another angle."""
     return float(angle + 2.0 * np.pi * np.round((near - angle) / (2.0 * np.pi)))
+
+
+def _turn_about(points: Floats, centre: Floats, axis: Floats, angles: Floats) -> Floats:
+    """(n, 3) displacements of points that turn about a centre by rotation vectors: an axis (3,) times angles (n,)."""
+    arms = points - centre
+    return np.asarray(Rotation.from_rotvec(angles[:, None] * axis).apply(arms) - arms)
 
 
 def _turn(points: Floats, centre: Floats, axis: int, angles: Floats) -> Floats:
