@@ -2,6 +2,7 @@
 type.
 """
 
+import mesh_motion_kernels as kernels
 import numpy as np
 import pytest
 from frame_meshes import rotation
@@ -11,6 +12,7 @@ from mesh_motion_numerics.mesh.boundary_crossing import (
     straddling_place,
     touching_facets,
 )
+from mesh_motion_numerics.mesh.smooth_pieces import area_vectors
 
 
 def facets_of(points: np.ndarray, **nodes: list[list[int]]) -> tuple[BoundaryFacets, np.ndarray]:
@@ -147,3 +149,36 @@ def test_facets_with_nodes_that_are_free_to_slide_are_left_out() -> None:
     rows = {"line": np.array([[0, 1], [2, 3]]), "vertex": np.array([[0]])}
     boundary = BoundaryFacets.build(rows, np.array([2, 3]), np.array([0]), 4)
     assert crossing_place(boundary, points) is None
+
+
+def gap(one: np.ndarray, other: np.ndarray, along: np.ndarray) -> float:
+    """The gap between two sets of places along a unit vector; negative if they overlap."""
+    a, b = one @ along, other @ along
+    return max(a.min() - b.max(), b.min() - a.max())
+
+
+@pytest.mark.parametrize("d", [2, 3])
+@pytest.mark.parametrize("seed", range(3))
+def test_near_facets_are_all_pairs_without_a_plane_between_them(d: int, seed: int) -> None:
+    numbers, margin = np.random.default_rng(seed), 0.01
+    count, width = 150, 2 if d == 2 else 4
+    points = (numbers.uniform(size=(count, 1, d)) + 0.2 * numbers.uniform(size=(count, width, d))).reshape(-1, d)
+    facets = np.arange(len(points), dtype=np.int32).reshape(count, width)
+    facets[1::5, 0] = facets[0::5, 0]  # common nodes
+    if d == 3:
+        facets[::3, 3] = -1
+    moving = numbers.uniform(size=count) < 0.4
+    corners = [points[nodes[nodes >= 0]] for nodes in facets]
+    normals = area_vectors(points, facets)
+    axes = [[*np.eye(d), normal / np.linalg.norm(normal)] for normal in normals]
+    expected = {
+        (i, j)
+        for i in range(count)
+        for j in range(i + 1, count)
+        if moving[i] or moving[j]
+        if not (set(facets[i]) & set(facets[j])) - {-1}
+        if max(gap(corners[i], corners[j], axis) for axis in (*axes[i], *axes[j])) <= margin
+    }
+    found = kernels.near_facets(points, facets, moving, margin)
+    assert len(found) == len(expected) > 100
+    assert set(map(tuple, found.tolist())) == expected

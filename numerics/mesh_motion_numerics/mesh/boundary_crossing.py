@@ -11,7 +11,7 @@ fill the same place. Facets that face each other do not cross: they are the side
 Facets that only touch, in a node, an edge or a face, may have crossed as well, but the signs do not show it:
 :func:`touching_facets` finds them for another test. Facets that share a node are ignored.
 
-Only facets near a moving one are tested: they are sorted into classes of about equal size, with a k-d tree each.
+Only facets near a moving one are tested, if no plane parallel to one of both facets lies between them.
 
 References
 ----------
@@ -21,16 +21,17 @@ T. Möller, B. Trumbore, "Fast, minimum storage ray/triangle intersection", J. G
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from functools import reduce
-from itertools import chain
+from dataclasses import dataclass, field
+from itertools import product
 
+import mesh_motion_kernels as kernels
 import numpy as np
-from scipy.spatial import cKDTree
+from numpy.typing import NDArray
 
 from mesh_motion_numerics.arrays import Floats, Integers, Marks
+from mesh_motion_numerics.mesh.morton import morton_codes
 from mesh_motion_numerics.mesh.points import bounding_box, marks_at
-from mesh_motion_numerics.mesh.smooth_pieces import area_vectors, widened
+from mesh_motion_numerics.mesh.smooth_pieces import area_vectors, of_one_width, widened
 
 #: Below this share of the product of lengths, the sign of an area or a volume is not certain …
 _FLAT = 1e-12
@@ -58,6 +59,7 @@ class BoundaryFacets:
 
     nodes: dict[str, Integers]  # (f, k) each. The facets by type
     moving: Marks  # (n,) bool. Nodes that move
+    _ordered: list[tuple[Integers, NDArray[np.int32], Marks]] = field(default_factory=list, init=False)  # by in_order
 
     @classmethod
     def build(cls, facets: Mapping[str, Integers], moving: Integers, fixed: Integers, count: int) -> BoundaryFacets:
@@ -65,6 +67,18 @@ class BoundaryFacets:
         moves, prescribed = marks_at(count, moving), marks_at(count, moving, fixed)
         chosen = {name: nodes[prescribed[nodes].all(axis=1)] for name, nodes in facets.items() if name in _SIDES}
         return cls({name: nodes for name, nodes in chosen.items() if len(nodes)}, moves)
+
+    def in_order(self, points: Floats) -> tuple[Integers, NDArray[np.int32], Marks]:
+        """Numbers (f,) of all facets, neighbours next to each other; their nodes (f, w), and whether each one moves.
+
+        The order is that of the first ``points`` (n, d): with any other one the search for pairs takes longer.
+        """
+        if not self._ordered:
+            facets = of_one_width(self.nodes)
+            order = np.argsort(morton_codes(points[facets[:, :2]].mean(axis=1)), kind="stable")
+            moves = np.concatenate([self.moving[nodes].any(axis=1) for nodes in self.nodes.values()])
+            self._ordered.append((order, facets[order].astype(np.int32), moves[order]))
+        return self._ordered[0]
 
 
 NearFacets = Sequence[tuple[str, Integers, str, Integers]]
@@ -108,16 +122,19 @@ def touching_facets(boundary: BoundaryFacets, points: Floats, near: NearFacets |
 
 def near_facets(boundary: BoundaryFacets, points: Floats) -> NearFacets:
     """The pairs of facets that may cross or touch with the nodes at ``points`` (n, d), or after a small shift."""
-    moving, found = boundary.moving, []
-    for kind, nodes in boundary.nodes.items():
-        for other, others in boundary.nodes.items():
-            rows = np.flatnonzero(moving[nodes].any(axis=1))
-            first, second = _near(points, nodes[rows], others)
-            ones, near = nodes[rows[first]], others[second]
-            apart = ~(ones[:, :, None] == near[:, None, :]).any(axis=(1, 2))
-            ones, near = ones[apart], near[apart]
-            if len(ones):
-                found += [(kind, ones, other, near), (other, near, kind, ones)]  # edges of each facet through the other
+    found: list[tuple[str, Integers, str, Integers]] = []
+    if not boundary.nodes:
+        return found
+    order, facets, moving = boundary.in_order(points)
+    margin = 3.0 * _shift(points) + _rounding(points)
+    pairs = np.sort(order[kernels.near_facets(np.ascontiguousarray(points), facets, moving, margin)], axis=1)
+    firsts = dict(zip(boundary.nodes, np.cumsum([0, *map(len, boundary.nodes.values())]), strict=False))
+    for (kind, nodes), (other, others) in product(boundary.nodes.items(), repeat=2):
+        one, two = (pairs - (firsts[kind], firsts[other])).T
+        here = (one >= 0) & (one < len(nodes)) & (two >= 0) & (two < len(others))
+        if here.any():
+            ones, near = nodes[one[here]], others[two[here]]
+            found += [(kind, ones, other, near), (other, near, kind, ones)]  # edges of each facet through the other
     return found
 
 
@@ -129,47 +146,6 @@ def _shift(points: Floats) -> float:
 def _rounding(points: Floats) -> float:
     """Largest effect of rounding on coordinates."""
     return _ROUNDINGS * float(np.abs(bounding_box(points)).max())
-
-
-def _near(points: Floats, ones: Integers, others: Integers) -> tuple[Integers, Integers]:
-    """Pairs (p,) of facets whose bounding circles or spheres, and boxes, intersect, or nearly so."""
-    low, high = _boxes(points, ones)
-    other_low, other_high = _boxes(points, others)
-    widest = float((other_high - other_low).max(initial=0.0))
-    margin = points.shape[1] * _OVERLAP * widest + 2.0 * _shift(points)
-    around = (other_low <= high.max(axis=0, initial=-np.inf) + margin).all(axis=1)
-    around &= (other_high >= low.min(axis=0, initial=np.inf) - margin).all(axis=1)
-    candidates = np.flatnonzero(around)
-    centres, radii = _circles(points, ones)
-    other_centres, other_radii = _circles(points, others[candidates])
-    pairs = [np.empty((0, 2), dtype=np.int64)]
-    classes = np.floor(np.log2(np.maximum(other_radii, np.finfo(float).tiny)))
-    for size in np.unique(classes):
-        members = np.flatnonzero(classes == size)
-        tree = cKDTree(other_centres[members])
-        found = tree.query_ball_point(centres, radii + other_radii[members].max() + margin, return_sorted=True)
-        counts = np.array([len(hits) for hits in found], dtype=np.int64)
-        if counts.any():
-            hits = np.fromiter(chain.from_iterable(found), dtype=np.int64, count=int(counts.sum()))
-            pairs.append(np.column_stack([np.repeat(np.arange(len(ones)), counts), candidates[members[hits]]]))
-    first, second = np.concatenate(pairs).T
-    gap = np.maximum(low[first] - other_high[second], other_low[second] - high[first])
-    meet = (gap <= margin).all(axis=1)
-    return first[meet], second[meet]
-
-
-def _boxes(points: Floats, facets: Integers) -> tuple[Floats, Floats]:
-    """Lower and upper corners (f, d) of the boxes around facets (f, k)."""
-    corners = [points[nodes] for nodes in facets.T]
-    return reduce(np.minimum, corners), reduce(np.maximum, corners)
-
-
-def _circles(points: Floats, facets: Integers) -> tuple[Floats, Floats]:
-    """Centres (f, d) and radii (f,) of circles or spheres around facets (f, k)."""
-    corners = [points[nodes] for nodes in facets.T]
-    centres = sum(corners) / len(corners)
-    squares = [np.sum((corner - centres) ** 2, axis=1) for corner in corners]
-    return centres, np.sqrt(reduce(np.maximum, squares))
 
 
 def _covers(points: Floats, ones: Integers, others: Integers) -> Marks:

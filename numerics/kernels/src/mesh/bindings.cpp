@@ -4,6 +4,7 @@
 #include "mesh/digest.h"
 #include "mesh/facets.h"
 #include "mesh/hashed_cells.h"
+#include "mesh/near_facets.h"
 #include "mesh/points.h"
 
 namespace mesh_motion {
@@ -16,6 +17,7 @@ void bind_mesh(nanobind::module_& m) {
     bind(m, "first_contact", first_contact);
     bind(m, "hash_blocks", hash_blocks);
     bind(m, "match_facets", match_facets);
+    bind(m, "near_facets", near_facets);
     bind(m, "points_near_facets", points_near_facets);
     bind(m, "round_differences", round_differences);
     bind(m, "store_cells", [](Matrix<const double> points, Vector<const double> origin, double extent, double side) {
