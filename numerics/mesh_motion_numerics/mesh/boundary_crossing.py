@@ -69,7 +69,7 @@ class BoundaryFacets:
         return cls({name: nodes for name, nodes in chosen.items() if len(nodes)}, moves)
 
     def in_order(self, points: Floats) -> tuple[Integers, NDArray[np.int32], Marks]:
-        """Numbers (f,) of all facets, neighbours next to each other; their nodes (f, w), and whether each one moves.
+        """Numbers (f,) of all facets, neighbours next to each other; the nodes (f, w) of these, and which facets (f,) move.
 
         The order is that of the first ``points`` (n, d): with any other one the search for pairs takes longer.
         """
@@ -77,7 +77,7 @@ class BoundaryFacets:
             facets = of_one_width(self.nodes)
             order = np.argsort(morton_codes(points[facets[:, :2]].mean(axis=1)), kind="stable")
             moves = np.concatenate([self.moving[nodes].any(axis=1) for nodes in self.nodes.values()])
-            self._ordered.append((order, facets[order].astype(np.int32), moves[order]))
+            self._ordered.append((order, facets[order].astype(np.int32), moves))
         return self._ordered[0]
 
 
@@ -125,9 +125,12 @@ def near_facets(boundary: BoundaryFacets, points: Floats) -> NearFacets:
     found: list[tuple[str, Integers, str, Integers]] = []
     if not boundary.nodes:
         return found
-    order, facets, moving = boundary.in_order(points)
+    order, facets, moves = boundary.in_order(points)
     margin = 3.0 * _shift(points) + _rounding(points)
-    pairs = np.sort(order[kernels.near_facets(np.ascontiguousarray(points), facets, moving, margin)], axis=1)
+    rows = kernels.near_facets(np.ascontiguousarray(points), facets, moves[order], margin)
+    pairs = np.sort(order[rows], axis=1)
+    pairs = np.where(moves[pairs[:, :1]], pairs, pairs[:, ::-1])  # the first facet moves
+    pairs = pairs[np.lexsort(pairs.T[::-1])]
     firsts = dict(zip(boundary.nodes, np.cumsum([0, *map(len, boundary.nodes.values())]), strict=False))
     for (kind, nodes), (other, others) in product(boundary.nodes.items(), repeat=2):
         one, two = (pairs - (firsts[kind], firsts[other])).T
