@@ -69,7 +69,7 @@ class BoundaryFacets:
         return cls({name: nodes for name, nodes in chosen.items() if len(nodes)}, moves)
 
     def in_order(self, points: Floats) -> tuple[Integers, NDArray[np.int32], Marks]:
-        """Numbers (f,) of all facets, neighbours next to each other; the nodes (f, w) of these, and which facets (f,) move.
+        """Numbers (f,) of all facets, neighbours next to each other; their nodes (f, w); and which facets (f,) move.
 
         The order is that of the first ``points`` (n, d): with any other one the search for pairs takes longer.
         """
